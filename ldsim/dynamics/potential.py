@@ -1,0 +1,50 @@
+"""The incremental potential of one implicit Euler step in the full space (paper, Eq. 8; design.md, One idea)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class IncrementalPotential:
+    """E(u) = 1/(2h²) ‖u − û‖²_M + V(u) − f_ext·u + Σ ½ k ‖c(u) − target‖², with û = 2uₙ − uₙ₋₁.
+
+    Args:
+        predictor: û, (n, 3) float64, metres.
+        grabs: the springs that pull in this step.
+    """
+
+    def __init__(self, scene: Scene, predictor: Array, grabs: Sequence[Grab]) -> None:
+        self._scene = scene
+        self._predictor = predictor
+        self._grabs = grabs
+        self._mass: csr_array = scene.mass
+
+    def value_gradient(self, x: Array, gradient: Array) -> float:
+        """E(u) in J for x = u flattened, (3n,); overwrites `gradient` (3n,), N, which is zero at pinned vertices."""
+        u, g = x.reshape(-1, 3), gradient.reshape(-1, 3)
+        offset = u - self._predictor
+        momentum = (self._mass @ offset) / self._scene.time_step**2
+        g[:] = momentum - self._scene.external_force
+        value = 0.5 * float(np.vdot(offset, momentum)) - float(np.vdot(self._scene.external_force, u))
+        for grab in self._grabs:
+            pull = self._pull(grab, u)
+            g[grab.vertices] += grab.stiffness / len(grab.vertices) * pull
+            value += 0.5 * grab.stiffness * float(pull @ pull)
+        value += add_elastic_gradient(self._scene.elements, u, g)
+        g[self._scene.pinned] = 0.0
+        return value
+
+    def _pull(self, grab: Grab, u: Array) -> Array:
+        """c(u) − target, metres."""
+        centroid: Array = (self._scene.mesh.vertices[grab.vertices] + u[grab.vertices]).mean(axis=0)
+        return centroid - grab.target

@@ -1,0 +1,31 @@
+"""What can go wrong for a user: every subclass becomes one line on stderr and exit status 1."""
+
+from __future__ import annotations
+
+
+class LdsimError(Exception):
+    """Something the user can act on; the message names the thing, what was got, what is allowed."""
+
+
+class MeshError(LdsimError):
+    """A mesh, or the file it comes from, cannot be simulated."""
+
+
+class SceneError(LdsimError):
+    """Material, pins or loads do not make a well-posed problem."""
+
+
+class MotionError(LdsimError):
+    """A recorded or prescribed motion does not fit the scene."""
+
+
+class SolverError(LdsimError):
+    """A time step or a fit could not be solved."""
+
+
+class SettingsError(LdsimError):
+    """A configuration file is missing, malformed or holds a value that is not allowed."""
+
+
+class ArtefactError(LdsimError):
+    """An HDF5 artefact is missing, truncated, of another kind or of another experiment."""

@@ -1,0 +1,172 @@
+"""Compiled loops over quadrature points: elastic energy, forces and stiffness of the full space.
+
+F_s = I + Σ_a u_a ⊗ ∇N_a;  V = Σ_s w_s Ψ(F_s);  ∂V/∂u_a = Σ_s w_s P_s ∇N_a;  K_ab = Σ_s w_s ∇N_a · ∂²Ψ/∂F² · ∇N_b.
+Serial and on scalars: two 3×3 temporaries inside the loop cost a factor of sixty (findings.md, Full space).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ldsim.mechanics.materials import energy, energy_stress, tangent
+from ldsim.mechanics.materials.tensors import Matrix, signed_svd
+
+Array = NDArray[np.float64]
+
+
+class Elements(NamedTuple):
+    """What the kernels read: quadrature points with their material.
+
+    nodes (s, a) int32, gradients (s, a, 3) 1/m, weights (s,) m³, kind (s,) int8, mu and lam (s,) Pa.
+    """
+
+    nodes: NDArray[np.int32]
+    gradients: Array
+    weights: Array
+    kind: NDArray[np.int8]
+    mu: Array
+    lam: Array
+
+
+@njit(cache=True, inline="always")
+def deformation_gradient(nodes: NDArray[np.int32], gradients: Array, s: int, u: Array) -> Matrix:
+    """F_s = I + Σ_a u_a ⊗ ∇N_a at point s; u is (n, 3)."""
+    f00, f01, f02, f10, f11, f12, f20, f21, f22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    for a in range(nodes.shape[1]):
+        v = nodes[s, a]
+        x, y, z = u[v, 0], u[v, 1], u[v, 2]
+        g0, g1, g2 = gradients[s, a, 0], gradients[s, a, 1], gradients[s, a, 2]
+        f00 += x * g0
+        f01 += x * g1
+        f02 += x * g2
+        f10 += y * g0
+        f11 += y * g1
+        f12 += y * g2
+        f20 += z * g0
+        f21 += z * g1
+        f22 += z * g2
+    return f00, f01, f02, f10, f11, f12, f20, f21, f22
+
+
+@njit(cache=True, nogil=True)
+def elastic_energy(elements: Elements, u: Array) -> float:
+    """V(u) = Σ_s w_s Ψ(F_s), J; u is (n, 3) in metres. Infinite where a material does not allow inversion."""
+    total = 0.0
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        total += elements.weights[s] * energy(elements.kind[s], F, elements.mu[s], elements.lam[s])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def add_elastic_gradient(elements: Elements, u: Array, gradient: Array) -> float:
+    """Adds ∂V/∂u, N, to `gradient` (n, 3) and returns V(u), J; stops at the first infinite density."""
+    total = 0.0
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        density, P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        if density == np.inf:
+            return density
+        w = elements.weights[s]
+        total += w * density
+        for a in range(elements.nodes.shape[1]):
+            v = elements.nodes[s, a]
+            g0 = w * elements.gradients[s, a, 0]
+            g1 = w * elements.gradients[s, a, 1]
+            g2 = w * elements.gradients[s, a, 2]
+            gradient[v, 0] += P[0] * g0 + P[1] * g1 + P[2] * g2
+            gradient[v, 1] += P[3] * g0 + P[4] * g1 + P[5] * g2
+            gradient[v, 2] += P[6] * g0 + P[7] * g1 + P[8] * g2
+    return total
+
+
+@njit(cache=True, nogil=True)
+def point_stresses(elements: Elements, u: Array, stresses: Array) -> None:
+    """Writes the first Piola–Kirchhoff stress of every point, Pa, into `stresses` (s, 9)."""
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        _, P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        for i in range(9):
+            stresses[s, i] = P[i]
+
+
+@njit(cache=True, nogil=True)
+def inverted_points(elements: Elements, u: Array) -> int:
+    """The number of points with det F ≤ 0."""
+    count = 0
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        J = F[0] * (F[4] * F[8] - F[5] * F[7]) - F[1] * (F[3] * F[8] - F[5] * F[6]) + F[2] * (F[3] * F[7] - F[4] * F[6])
+        if J <= 0.0:
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def add_elastic_stiffness(
+    elements: Elements, u: Array, slots: NDArray[np.int64], clamp: bool, blocks: Array
+) -> None:
+    """Adds the tangent stiffness, N/m, to 3×3 `blocks` (b, 3, 3).
+
+    `slots[s, a, b]` is the block of the pair of nodes a, b of point s, or −1 where one of them is pinned. In the
+    frame of the singular vectors the tangent is sparse, so a block is K_ab = U [C : (Vᵀ∇N_a) (Vᵀ∇N_b)] Uᵀ.
+    """
+    nodes_per_point = elements.nodes.shape[1]
+    k = np.empty((3, 3))
+    t = np.empty((3, 3))
+    h = np.empty((nodes_per_point, 3))
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        U, V, D, O = tangent(elements.kind[s], F, elements.mu[s], elements.lam[s], clamp)
+        w = elements.weights[s]
+        for a in range(nodes_per_point):
+            g0, g1, g2 = elements.gradients[s, a, 0], elements.gradients[s, a, 1], elements.gradients[s, a, 2]
+            h[a, 0] = V[0] * g0 + V[3] * g1 + V[6] * g2
+            h[a, 1] = V[1] * g0 + V[4] * g1 + V[7] * g2
+            h[a, 2] = V[2] * g0 + V[5] * g1 + V[8] * g2
+        for a in range(nodes_per_point):
+            a0, a1, a2 = w * h[a, 0], w * h[a, 1], w * h[a, 2]
+            for b in range(nodes_per_point):
+                slot = slots[s, a, b]
+                if slot < 0:
+                    continue
+                b0, b1, b2 = h[b, 0], h[b, 1], h[b, 2]
+                k[0, 0] = D[0] * a0 * b0 + O[0] * a1 * b1 + O[1] * a2 * b2
+                k[1, 1] = D[1] * a1 * b1 + O[0] * a0 * b0 + O[2] * a2 * b2
+                k[2, 2] = D[2] * a2 * b2 + O[1] * a0 * b0 + O[2] * a1 * b1
+                k[0, 1] = D[3] * a0 * b1 + O[3] * a1 * b0
+                k[1, 0] = D[3] * a1 * b0 + O[3] * a0 * b1
+                k[0, 2] = D[4] * a0 * b2 + O[4] * a2 * b0
+                k[2, 0] = D[4] * a2 * b0 + O[4] * a0 * b2
+                k[1, 2] = D[5] * a1 * b2 + O[5] * a2 * b1
+                k[2, 1] = D[5] * a2 * b1 + O[5] * a1 * b2
+                for i in range(3):
+                    for j in range(3):
+                        t[i, j] = U[3 * i] * k[0, j] + U[3 * i + 1] * k[1, j] + U[3 * i + 2] * k[2, j]
+                for i in range(3):
+                    for j in range(3):
+                        blocks[slot, i, j] += t[i, 0] * U[3 * j] + t[i, 1] * U[3 * j + 1] + t[i, 2] * U[3 * j + 2]
+
+
+@njit(cache=True, nogil=True)
+def vertex_rotations(elements: Elements, u: Array, rotations: Array) -> None:
+    """Writes each vertex's rotation into `rotations` (n, 3, 3): the polar factor of Σ w_s F_s over its points."""
+    rotations[:] = 0.0
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        for a in range(elements.nodes.shape[1]):
+            v = elements.nodes[s, a]
+            for i in range(3):
+                for j in range(3):
+                    rotations[v, i, j] += elements.weights[s] * F[3 * i + j]
+    for v in range(rotations.shape[0]):
+        A = rotations[v]
+        F = (A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2], A[2, 0], A[2, 1], A[2, 2])
+        U, _, V = signed_svd(F)
+        for i in range(3):
+            for j in range(3):
+                A[i, j] = U[3 * i] * V[3 * j] + U[3 * i + 1] * V[3 * j + 1] + U[3 * i + 2] * V[3 * j + 2]

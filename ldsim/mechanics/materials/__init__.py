@@ -1,0 +1,95 @@
+"""Hyperelastic materials as compiled functions of the deformation gradient, chosen per point by a number.
+
+A material is one file with three functions: `energy` Ψ(F), `energy_stress` (Ψ, P) and `principal`, the derivatives of
+Ψ in the principal stretches, from which the tangent follows for every isotropic material (Smith, de Goes and
+Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies"). It is added here in `MATERIALS` and in the three
+branches below, and is tested by being listed.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from ldsim.mechanics.materials import neo_hookean, stable_neo_hookean
+from ldsim.mechanics.materials.tensors import (
+    Matrix,
+    Principal,
+    Symmetric,
+    clamped_symmetric,
+    signed_svd,
+)
+
+MATERIALS = {"neo_hookean": 0, "stable_neo_hookean": 1}
+
+_energy_neo_hookean, _stress_neo_hookean = neo_hookean.energy, neo_hookean.energy_stress
+_energy_stable, _stress_stable = stable_neo_hookean.energy, stable_neo_hookean.energy_stress
+_principal_neo_hookean, _principal_stable = neo_hookean.principal, stable_neo_hookean.principal
+
+
+@njit(cache=True)
+def energy(kind: int, F: Matrix, mu: float, lam: float) -> float:
+    """Energy density Ψ(F), J/m³, of material number `kind` with Lamé parameters mu, lam, Pa."""
+    if kind == 1:
+        return _energy_stable(F, mu, lam)
+    return _energy_neo_hookean(F, mu, lam)
+
+
+@njit(cache=True)
+def energy_stress(kind: int, F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
+    """Energy density Ψ(F), J/m³, and the first Piola–Kirchhoff stress P = ∂Ψ/∂F, Pa."""
+    if kind == 1:
+        return _stress_stable(F, mu, lam)
+    return _stress_neo_hookean(F, mu, lam)
+
+
+@njit(cache=True)
+def principal(kind: int, a: float, b: float, c: float, mu: float, lam: float) -> Principal:
+    """∂Ψ/∂σ (3 values) and ∂²Ψ/∂σ² (00, 11, 22, 01, 02, 12) at the stretches a, b, c, Pa."""
+    if kind == 1:
+        return _principal_stable(a, b, c, mu, lam)
+    return _principal_neo_hookean(a, b, c, mu, lam)
+
+
+@njit(cache=True, inline="always")
+def _pair(p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq: float, clamp: bool) -> tuple[float, float]:
+    """∂²Ψ/∂X_pq² and ∂²Ψ/∂X_pq∂X_qp of the off-diagonal pair, from its twist and flip eigenvalues."""
+    total = p + q
+    if abs(total) < 1e-8:
+        total = 1e-8 if total >= 0.0 else -1e-8
+    twist = (dp + dq) / total
+    if abs(p - q) > 1e-5 * (abs(p) + abs(q)):
+        flip = (dp - dq) / (p - q)
+    else:
+        flip = 0.5 * (hpp + hqq) - hpq
+    if clamp:
+        twist = max(twist, 0.0)
+        flip = max(flip, 0.0)
+    return 0.5 * (flip + twist), 0.5 * (flip - twist)
+
+
+@njit(cache=True)
+def tangent(
+    kind: int, F: Matrix, mu: float, lam: float, clamp: bool
+) -> tuple[Matrix, Matrix, Symmetric, Symmetric]:
+    """The tangent ∂²Ψ/∂F² in the frame of the singular vectors, X = Uᵀ dF V.
+
+    Returns U, V, the stretch block ∂²Ψ/∂X_ii∂X_jj as (00, 11, 22, 01, 02, 12), and the three off-diagonal pairs as
+    (a01, a02, a12, b01, b02, b12): a_ij = ∂²Ψ/∂X_ij² = ∂²Ψ/∂X_ji², b_ij = ∂²Ψ/∂X_ij∂X_ji; everything else is zero.
+    With `clamp`, negative eigenvalues are set to zero (Smith et al. 2019, Sec. 5).
+    """
+    U, (p, q, r), V = signed_svd(F)
+    d0, d1, d2, h00, h11, h22, h01, h02, h12 = principal(kind, p, q, r, mu, lam)
+    a01, b01 = _pair(p, q, d0, d1, h00, h11, h01, clamp)
+    a02, b02 = _pair(p, r, d0, d2, h00, h22, h02, clamp)
+    a12, b12 = _pair(q, r, d1, d2, h11, h22, h12, clamp)
+    stretch = (h00, h11, h22, h01, h02, h12)
+    if clamp:
+        stretch = clamped_symmetric(stretch)
+    return U, V, stretch, (a01, a02, a12, b01, b02, b12)
+
+
+def lame_parameters(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
+    """μ = E / 2(1 + ν) and λ = E ν / (1 + ν)(1 − 2ν), Pa."""
+    mu = youngs_modulus / (2 * (1 + poisson_ratio))
+    lam = youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    return mu, lam

@@ -1,0 +1,129 @@
+"""Motions: what pulls on the solid, frame by frame.
+
+A motion is a sequence of drags. A drag holds the vertices around the picked one to a moving target by a spring on their
+centroid, from one frame to another; which vertices these are is settled when the drag starts, on the deformed mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import MotionError
+
+
+@dataclass(frozen=True, eq=False)
+class Drag:
+    """One pull of the pointer.
+
+    Attributes:
+        start: the first frame of the drag.
+        point: where it takes hold, on the deformed solid, (3,) float64, metres.
+        targets: the pointer in each frame of the drag, (frames, 3) float64, metres.
+        radius: vertices within it of the picked vertex are held, metres.
+        stiffness: of the spring on their centroid, N/m.
+    """
+
+    start: int
+    point: NDArray[np.float64]
+    targets: NDArray[np.float64]
+    radius: float
+    stiffness: float
+
+    @property
+    def stop(self) -> int:
+        """The first frame after the drag."""
+        return self.start + len(self.targets)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Drags over a number of frames; frame i is the state at time (i + 1) h."""
+
+    name: str
+    frames: int
+    drags: tuple[Drag, ...]
+
+    def active(self, frame: int) -> list[int]:
+        """The drags that pull in a frame, by number."""
+        return [i for i, drag in enumerate(self.drags) if drag.start <= frame < drag.stop]
+
+
+@dataclass(frozen=True, eq=False)
+class Grab:
+    """A drag in one frame: ½ k ‖c(u) − target‖² with c the centroid of the held vertices.
+
+    Attributes:
+        vertices: held vertices, (g,) int64.
+        target: (3,) float64, metres.
+        stiffness: k, N/m.
+    """
+
+    vertices: NDArray[np.int64]
+    target: NDArray[np.float64]
+    stiffness: float
+
+
+def held_vertices(drag: Drag, positions: NDArray[np.float64], movable: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The vertices a drag takes hold of: those within its radius of the vertex nearest to its point.
+
+    Args:
+        positions: deformed vertex positions, (n, 3) float64, metres.
+        movable: false for pinned vertices, (n,) bool.
+
+    Raises:
+        MotionError: the nearest vertex is farther away than the radius, or everything near is pinned.
+    """
+    distance = np.linalg.norm(positions - drag.point, axis=1)
+    picked = int(distance.argmin())
+    if distance[picked] > drag.radius:
+        raise MotionError(
+            f"the grab at frame {drag.start} hits no vertex: the nearest is {distance[picked]:.4g} m from "
+            f"{np.round(drag.point, 4).tolist()}, allowed is the grab radius {drag.radius:g} m; "
+            "check that the motion belongs to this mesh and that both are in metres"
+        )
+    near = np.linalg.norm(positions - positions[picked], axis=1) <= drag.radius
+    held = np.flatnonzero(near & movable)
+    if len(held) == 0:
+        raise MotionError(
+            f"the grab at frame {drag.start} holds only pinned vertices around {np.round(drag.point, 4).tolist()}; "
+            "grab a part that can move"
+        )
+    return held
+
+
+class GrabTracker:
+    """Settles each drag's vertices when it starts and hands out the grabs of each frame.
+
+    Args:
+        held: vertices already settled, by drag; a drag that is listed is not settled again.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        rest: NDArray[np.float64],
+        movable: NDArray[np.bool_],
+        held: dict[int, NDArray[np.int64]] | None = None,
+    ) -> None:
+        self._motion = motion
+        self._rest = rest
+        self._movable = movable
+        self.held = dict(held or {})
+
+    def needs_state(self, frame: int) -> bool:
+        """Whether the deformed mesh is needed to settle a drag that starts in this frame."""
+        return any(i not in self.held for i in self._motion.active(frame))
+
+    def grabs(self, frame: int, u: NDArray[np.float64] | None = None) -> list[Grab]:
+        """The grabs of a frame; u, (n, 3) metres, is the displacement before it."""
+        result = []
+        for i in self._motion.active(frame):
+            drag = self._motion.drags[i]
+            if i not in self.held:
+                positions = self._rest if u is None else self._rest + u
+                self.held[i] = held_vertices(drag, positions, self._movable)
+            result.append(Grab(self.held[i], drag.targets[frame - drag.start], drag.stiffness))
+        return result

@@ -1,0 +1,71 @@
+"""Quadrature points: all that the mechanics sees of a mesh (design.md, One idea).
+
+Point s has nodes, shape-function gradients ∂N_a/∂X (1/m) and a weight (m³): one point a tet4, 2×2×2 a hex8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mesh.mesh import Mesh
+
+GAUSS = 1 / np.sqrt(3)
+HEX_CORNERS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+)
+TET_REFERENCE_GRADIENTS = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature:
+    """The quadrature points of a mesh.
+
+    Attributes:
+        nodes: vertices of each point, (s, a) int32.
+        gradients: ∂N_a/∂X, (s, a, 3) float64, 1/m.
+        weights: volume of each point, (s,) float64, m³.
+        cells: the cell of each point, (s,) int32.
+    """
+
+    nodes: NDArray[np.int32]
+    gradients: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    cells: NDArray[np.int32]
+
+    @property
+    def n_points(self) -> int:
+        return len(self.weights)
+
+
+def reference_points(cell_type: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Shape functions (p, a), their reference gradients (p, a, 3) and weights (p,) at a cell's points."""
+    if cell_type == "tet4":
+        return np.full((1, 4), 0.25), TET_REFERENCE_GRADIENTS[None], np.array([1 / 6])
+    xi = HEX_CORNERS * GAUSS
+    factors = 1 + xi[:, None, :] * HEX_CORNERS[None]
+    shape = factors.prod(axis=2) / 8
+    gradients = np.empty((8, 8, 3))
+    for axis in range(3):
+        others = [i for i in range(3) if i != axis]
+        gradients[:, :, axis] = HEX_CORNERS[None, :, axis] * factors[:, :, others].prod(axis=2) / 8
+    return shape, gradients, np.ones(8)
+
+
+def quadrature(mesh: Mesh) -> Quadrature:
+    """The quadrature points of every cell, the points of one cell in sequence."""
+    _, reference, weights = reference_points(mesh.cell_type)
+    x = mesh.vertices[mesh.cells]
+    jacobian = np.einsum("mai,paj->mpij", x, reference)
+    gradients = np.einsum("paj,mpji->mpai", reference, np.linalg.inv(jacobian))
+    volumes = np.abs(np.linalg.det(jacobian)) * weights
+    points = len(weights)
+    nodes = mesh.cells.shape[1]
+    return Quadrature(
+        nodes=np.ascontiguousarray(np.repeat(mesh.cells, points, axis=0)),
+        gradients=np.ascontiguousarray(gradients.reshape(-1, nodes, 3)),
+        weights=np.ascontiguousarray(volumes.ravel()),
+        cells=np.repeat(np.arange(mesh.n_cells, dtype=np.int32), points),
+    )

@@ -1,0 +1,97 @@
+"""The scene: everything physical, once — mesh, material per cell, density, pins, gravity and time step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.errors import SceneError
+from ldsim.mechanics.elastic import Elements
+from ldsim.mechanics.mass import mass_matrix
+from ldsim.mechanics.quadrature import Quadrature, quadrature
+from ldsim.mesh.mesh import Mesh, components
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A solid with its material, supports and loads.
+
+    Attributes:
+        mesh: the volume mesh.
+        material: number of the material of each cell, (m,) int8 (`mechanics.materials.MATERIALS`).
+        mu, lam: Lamé parameters of each cell, (m,) float64, Pa.
+        density: of each cell, (m,) float64, kg/m³.
+        pinned: true for vertices that do not move, (n,) bool.
+        gravity: acceleration, (3,) float64, m/s².
+        time_step: h, s.
+
+    Raises:
+        SceneError: on a modulus, density or time step that is not allowed, or a part without a pin.
+    """
+
+    mesh: Mesh
+    material: NDArray[np.int8]
+    mu: NDArray[np.float64]
+    lam: NDArray[np.float64]
+    density: NDArray[np.float64]
+    pinned: NDArray[np.bool_]
+    gravity: NDArray[np.float64]
+    time_step: float
+
+    def __post_init__(self) -> None:
+        for name, values in (("mu", self.mu), ("density", self.density)):
+            if not (np.isfinite(values).all() and (values > 0).all()):
+                raise SceneError(f"{name} of a cell is {values.min():g}; it must be positive and finite")
+        if not self.time_step > 0:
+            raise SceneError(f"time step is {self.time_step:g} s; it must be positive")
+        labels = components(self.mesh)
+        supported = np.unique(labels[self.pinned])
+        loose = np.setdiff1d(np.unique(labels), supported)
+        if len(loose):
+            sizes = np.bincount(labels)
+            raise SceneError(
+                f"{len(loose)} of {len(sizes)} connected parts have no pinned vertex, the first with {sizes[loose[0]]} "
+                "vertices; pin a part of each (mesh.pins) or remove it"
+            )
+
+    @cached_property
+    def points(self) -> Quadrature:
+        return quadrature(self.mesh)
+
+    @cached_property
+    def elements(self) -> Elements:
+        """Quadrature points with their material, as the kernels read them."""
+        cell = self.points.cells
+        return Elements(
+            self.points.nodes,
+            self.points.gradients,
+            self.points.weights,
+            self.material[cell],
+            self.mu[cell],
+            self.lam[cell],
+        )
+
+    @cached_property
+    def mass(self) -> csr_array:
+        """Scalar consistent mass matrix, (n, n), kg."""
+        return mass_matrix(self.mesh, self.points, self.density)
+
+    @cached_property
+    def external_force(self) -> NDArray[np.float64]:
+        """Weight of each vertex, (n, 3) float64, N; zero where pinned."""
+        force = self.mass.sum(axis=1)[:, None] * self.gravity
+        force[self.pinned] = 0.0
+        return force
+
+    @cached_property
+    def movable(self) -> NDArray[np.bool_]:
+        return ~self.pinned
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """The vertices that move, (f,) int64."""
+        return np.flatnonzero(~self.pinned)

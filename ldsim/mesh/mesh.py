@@ -1,0 +1,142 @@
+"""The volume mesh: vertices, cells of one type, and the checks that make it fit to simulate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ldsim.errors import MeshError
+
+NODES_PER_CELL = {"tet4": 4, "hex8": 8}
+
+# The corner a of a cell and the three corners that make a right-handed frame with it.
+CORNER_FRAMES = {
+    "tet4": np.array([[0, 1, 2, 3]]),
+    "hex8": np.array(
+        [
+            [0, 1, 3, 4],
+            [1, 2, 0, 5],
+            [2, 3, 1, 6],
+            [3, 0, 2, 7],
+            [4, 7, 5, 0],
+            [5, 4, 6, 1],
+            [6, 5, 7, 2],
+            [7, 6, 4, 3],
+        ]
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A volume mesh of one cell type.
+
+    Attributes:
+        vertices: rest positions, (n, 3) float64, metres.
+        cells: vertex indices, (m, 4) for tet4 or (m, 8) for hex8, int32, in VTK's order.
+        cell_type: "tet4" or "hex8".
+
+    Raises:
+        MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
+    """
+
+    vertices: NDArray[np.float64]
+    cells: NDArray[np.int32]
+    cell_type: str
+
+    def __post_init__(self) -> None:
+        if self.cell_type not in NODES_PER_CELL:
+            raise MeshError(f"cell type {self.cell_type!r} is not one of {', '.join(NODES_PER_CELL)}")
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        cells = np.ascontiguousarray(self.cells, dtype=np.int32)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "cells", cells)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
+            raise MeshError(f"vertices have shape {vertices.shape}; expected (n, 3) with n > 0")
+        nodes = NODES_PER_CELL[self.cell_type]
+        if cells.ndim != 2 or cells.shape[1] != nodes or len(cells) == 0:
+            raise MeshError(f"cells have shape {cells.shape}; expected (m, {nodes}) with m > 0 for {self.cell_type}")
+        if not np.isfinite(vertices).all():
+            row = int(np.argwhere(~np.isfinite(vertices))[0, 0])
+            raise MeshError(f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers")
+        if cells.min() < 0 or cells.max() >= len(vertices):
+            row = int(np.argwhere((cells < 0) | (cells >= len(vertices)))[0, 0])
+            raise MeshError(f"cell {row} refers to vertices {cells[row].tolist()}; allowed are 0 … {len(vertices) - 1}")
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.vertices)
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.cells)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal, metres."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+
+def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:
+    """Signed volume at each corner of each cell, (m, corners) float64, m³.
+
+    The parallelepiped of the corner's edges; a sixth of it for tet4, so that the one corner gives the cell's
+    volume. All positive means a right-handed cell that is nowhere folded.
+    """
+    frames = CORNER_FRAMES[mesh.cell_type]
+    x = mesh.vertices[mesh.cells[:, frames]]
+    edges = x[:, :, 1:] - x[:, :, :1]
+    scale = 1 / 6 if mesh.cell_type == "tet4" else 1.0
+    volumes: NDArray[np.float64] = np.linalg.det(edges) * scale
+    return volumes
+
+
+def check_cells(mesh: Mesh, relative_threshold: float = 1e-12) -> None:
+    """Refuse inverted and degenerate cells.
+
+    Raises:
+        MeshError: naming the first cell whose corner volume is negative (inverted) or at most
+            `relative_threshold` times its longest edge cubed (degenerate).
+    """
+    volumes = corner_volumes(mesh).min(axis=1)
+    extent = np.ptp(mesh.vertices[mesh.cells], axis=1).max(axis=1)
+    degenerate = np.abs(volumes) <= relative_threshold * extent**3
+    inverted = (volumes < 0) & ~degenerate
+    for name, bad in (("degenerate", degenerate), ("inverted", inverted)):
+        if bad.any():
+            first = int(np.flatnonzero(bad)[0])
+            raise MeshError(
+                f"{int(bad.sum())} of {mesh.n_cells} cells are {name}, the first is cell {first} with vertices "
+                f"{mesh.cells[first].tolist()} and volume {volumes[first]:.3g} m³; volumes must be positive"
+                + (" (set mesh.reorient: true to flip such cells)" if name == "inverted" else "")
+            )
+
+
+def reoriented(mesh: Mesh) -> Mesh:
+    """The same mesh with left-handed cells flipped to right-handed ones."""
+    left = corner_volumes(mesh).max(axis=1) < 0
+    cells = mesh.cells.copy()
+    mirror = [0, 2, 1, 3] if mesh.cell_type == "tet4" else [4, 5, 6, 7, 0, 1, 2, 3]
+    cells[left] = cells[left][:, mirror]
+    return Mesh(mesh.vertices, cells, mesh.cell_type)
+
+
+def without_unused_vertices(mesh: Mesh) -> Mesh:
+    """The same mesh with only the vertices that a cell uses, in their old order."""
+    used = np.zeros(mesh.n_vertices, dtype=bool)
+    used[mesh.cells] = True
+    renumbered = np.cumsum(used) - 1
+    return Mesh(mesh.vertices[used], renumbered[mesh.cells].astype(np.int32), mesh.cell_type)
+
+
+def components(mesh: Mesh) -> NDArray[np.int32]:
+    """The connected component of each vertex, (n,) int32, numbered from 0."""
+    first = np.repeat(mesh.cells[:, :1], mesh.cells.shape[1] - 1, axis=1).ravel()
+    other = mesh.cells[:, 1:].ravel()
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, other)), shape=(mesh.n_vertices,) * 2)
+    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1].astype(np.int32)
+    return labels

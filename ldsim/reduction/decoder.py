@@ -1,0 +1,231 @@
+"""The decoder φ: R^r → R^k as compiled loops over contiguous arrays; the identity is the linear space.
+
+φ(z) = N(z) − N(0) + A z: a multilayer perceptron N (paper, Sec. 4.3) without its value at zero, so that φ(0) = 0 to the
+last bit, and an optional linear skip A. The paper's decoder has neither; without the first it has no z for the rest
+shape (paper_facts.md, Fig. 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ACTIVATIONS = {"elu": 0, "relu": 1, "tanh": 2}
+REASSOCIATE = {"reassoc", "contract", "nsz"}
+
+
+class Layers(NamedTuple):
+    """What the compiled loops read.
+
+    sizes (layers + 1,): r, hidden widths, k — or the one number k for the identity. weights: every layer's (in, out)
+    matrix, row by row, one after the other. biases: one after the other. rest (k,): N(0). skip (k, r), or (0, 0) for
+    none. activation: a number of `ACTIVATIONS`.
+    """
+
+    sizes: NDArray[np.int64]
+    weights: Array
+    biases: Array
+    rest: Array
+    skip: Array
+    activation: int
+
+
+@njit(cache=True, nogil=True)
+def _activate(kind: int, x: float) -> float:
+    if kind == 0:
+        return x if x > 0.0 else np.expm1(x)
+    if kind == 1:
+        return max(x, 0.0)
+    return np.tanh(x)
+
+
+@njit(cache=True, nogil=True)
+def _slope(kind: int, y: float) -> float:
+    """Derivative of the activation in terms of its value y."""
+    if kind == 0:
+        return 1.0 if y > 0.0 else y + 1.0
+    if kind == 1:
+        return 1.0 if y > 0.0 else 0.0
+    return 1.0 - y * y
+
+
+@njit(cache=True, nogil=True)
+def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
+    """q = φ(z); `hidden` (sum of hidden widths,) keeps the activations for the derivatives."""
+    sizes = layers.sizes
+    if sizes.shape[0] == 1:
+        q[:] = z
+        return
+    last = sizes.shape[0] - 2
+    w, b, source, target = 0, 0, 0, 0
+    for layer in range(last + 1):
+        rows, columns = sizes[layer], sizes[layer + 1]
+        out = q if layer == last else hidden[target : target + columns]
+        out[:] = layers.biases[b : b + columns]
+        for i in range(rows):
+            x = z[i] if layer == 0 else hidden[source + i]
+            row = layers.weights[w + i * columns : w + (i + 1) * columns]
+            for j in range(columns):
+                out[j] += x * row[j]
+        if layer < last:
+            for j in range(columns):
+                out[j] = _activate(layers.activation, out[j])
+        w += rows * columns
+        b += columns
+        source, target = target, target + columns
+    q -= layers.rest
+    for i in range(layers.skip.shape[0]):
+        for j in range(layers.skip.shape[1]):
+            q[i] += layers.skip[i, j] * z[j]
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient: Array) -> None:
+    """gradient = J(z)ᵀ v at the z last decoded into `hidden`; `scratch` is as long as `hidden`."""
+    sizes = layers.sizes
+    if sizes.shape[0] == 1:
+        gradient[:] = v
+        return
+    last = sizes.shape[0] - 2
+    w = layers.weights.shape[0]
+    end = hidden.shape[0]
+    for layer in range(last, -1, -1):
+        rows, columns = sizes[layer], sizes[layer + 1]
+        w -= rows * columns
+        incoming = v if layer == last else scratch[end : end + columns]
+        start = end - rows
+        for i in range(rows):
+            total = _dot(layers.weights[w + i * columns : w + (i + 1) * columns], incoming)
+            if layer == 0:
+                gradient[i] = total
+            else:
+                scratch[start + i] = total * _slope(layers.activation, hidden[start + i])
+        end = start
+    for i in range(layers.skip.shape[0]):
+        for j in range(layers.skip.shape[1]):
+            gradient[j] += layers.skip[i, j] * v[i]
+
+
+@njit(cache=True, nogil=True)
+def decode_jacobian(layers: Layers, hidden: Array, scratch: Array, jacobian: Array) -> None:
+    """jacobian (r, k) = J(z)ᵀ at the z last decoded into `hidden`, one tangent a row."""
+    sizes = layers.sizes
+    if sizes.shape[0] == 1:
+        jacobian[:] = 0.0
+        for i in range(sizes[0]):
+            jacobian[i, i] = 1.0
+        return
+    last = sizes.shape[0] - 2
+    for i in range(sizes[0]):
+        w, source, target = 0, 0, 0
+        for layer in range(last + 1):
+            rows, columns = sizes[layer], sizes[layer + 1]
+            out = jacobian[i] if layer == last else scratch[target : target + columns]
+            if layer == 0:
+                out[:] = layers.weights[i * columns : (i + 1) * columns]
+            else:
+                out[:] = 0.0
+                for a in range(rows):
+                    x = scratch[source + a]
+                    row = layers.weights[w + a * columns : w + (a + 1) * columns]
+                    for j in range(columns):
+                        out[j] += x * row[j]
+            if layer < last:
+                for j in range(columns):
+                    out[j] *= _slope(layers.activation, hidden[target + j])
+            w += rows * columns
+            source, target = target, target + columns
+        for j in range(layers.skip.shape[0]):
+            jacobian[i, j] += layers.skip[j, i]
+
+
+@dataclass(frozen=True, eq=False)
+class Decoder:
+    """φ: R^r → R^k with φ(0) = 0, ready for the compiled loops.
+
+    Make it with `Decoder.identity(k)` or `Decoder.network(...)`.
+    """
+
+    layers: Layers
+
+    @classmethod
+    def identity(cls, k: int) -> Decoder:
+        """q = z: the linear space of dimension k."""
+        none = np.empty(0)
+        return cls(Layers(np.array([k]), none, none, none, np.empty((0, 0)), 0))
+
+    @classmethod
+    def network(
+        cls,
+        weights: Sequence[Array],
+        biases: Sequence[Array],
+        activation: str = "elu",
+        skip: Array | None = None,
+    ) -> Decoder:
+        """A perceptron of the given (in, out) weights and (out,) biases, less its value at zero, plus the skip (k, r)."""
+        sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
+        flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
+        offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])
+        matrix = np.empty((0, 0)) if skip is None else np.ascontiguousarray(skip, dtype=np.float64)
+        zero, nothing = np.zeros(sizes[-1]), np.empty((0, 0))
+        layers = Layers(sizes, flat, offsets, zero, nothing, ACTIVATIONS[activation])
+        rest = np.empty(sizes[-1])
+        decode(layers, np.zeros(sizes[0]), np.empty(int(sizes[1:-1].sum())), rest)
+        return cls(Layers(sizes, flat, offsets, rest, matrix, ACTIVATIONS[activation]))
+
+    @property
+    def r(self) -> int:
+        return int(self.layers.sizes[0])
+
+    @property
+    def k(self) -> int:
+        return int(self.layers.sizes[-1])
+
+    @property
+    def is_identity(self) -> bool:
+        return len(self.layers.sizes) == 1
+
+    @property
+    def hidden_size(self) -> int:
+        """Length of the `hidden` and `scratch` arrays of the compiled loops."""
+        return int(self.layers.sizes[1:-1].sum())
+
+    def __call__(self, z: Array) -> Array:
+        """φ(z) for (r,) or a batch (N, r); returns (k,) or (N, k) float64."""
+        batch = np.atleast_2d(np.asarray(z, dtype=np.float64))
+        q = np.empty((len(batch), self.k))
+        hidden = np.empty(self.hidden_size)
+        for i in range(len(batch)):
+            decode(self.layers, batch[i], hidden, q[i])
+        return q.reshape(*np.shape(z)[:-1], self.k)
+
+    def jacobian(self, z: Array) -> Array:
+        """J = ∂φ/∂z at z (r,), (k, r) float64."""
+        hidden, scratch = np.empty(self.hidden_size), np.empty(self.hidden_size)
+        transposed = np.empty((self.r, self.k))
+        decode(self.layers, np.asarray(z, dtype=np.float64), hidden, np.empty(self.k))
+        decode_jacobian(self.layers, hidden, scratch, transposed)
+        return np.ascontiguousarray(transposed.T)
+
+    def vjp(self, z: Array, v: Array) -> Array:
+        """J(z)ᵀ v for z (r,) and v (k,); (r,) float64."""
+        hidden, scratch = np.empty(self.hidden_size), np.empty(self.hidden_size)
+        gradient = np.empty(self.r)
+        decode(self.layers, np.asarray(z, dtype=np.float64), hidden, np.empty(self.k))
+        decode_vjp(self.layers, hidden, np.asarray(v, dtype=np.float64), scratch, gradient)
+        return gradient
