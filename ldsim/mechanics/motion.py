@@ -66,22 +66,28 @@ class Grab:
     stiffness: float
 
 
-def held_vertices(drag: Drag, positions: NDArray[np.float64], movable: NDArray[np.bool_]) -> NDArray[np.int64]:
+def held_vertices(
+    drag: Drag, positions: NDArray[np.float64], movable: NDArray[np.bool_], reach: float
+) -> NDArray[np.int64]:
     """The vertices a drag takes hold of: those within its radius of the vertex nearest to its point.
+
+    A recording made on a coarser or softer mesh has drifted away from this one by centimetres (0.046 m in x_1), so the
+    nearest vertex is taken up to the given reach.
 
     Args:
         positions: deformed vertex positions, (n, 3) float64, metres.
         movable: false for pinned vertices, (n,) bool.
+        reach: the largest distance from the drag's point to a vertex, metres.
 
     Raises:
-        MotionError: the nearest vertex is farther away than the radius, or everything near is pinned.
+        MotionError: the nearest vertex is beyond reach, or everything near is pinned.
     """
     distance = np.linalg.norm(positions - drag.point, axis=1)
     picked = int(distance.argmin())
-    if distance[picked] > drag.radius:
+    if distance[picked] > reach:
         raise MotionError(
             f"the grab at frame {drag.start} hits no vertex: the nearest is {distance[picked]:.4g} m from "
-            f"{np.round(drag.point, 4).tolist()}, allowed is the grab radius {drag.radius:g} m; "
+            f"{np.round(drag.point, 4).tolist()}, allowed are {reach:.4g} m (half the solid's diagonal); "
             "check that the motion belongs to this mesh and that both are in metres"
         )
     near = np.linalg.norm(positions - positions[picked], axis=1) <= drag.radius
@@ -111,6 +117,7 @@ class GrabTracker:
         self._motion = motion
         self._rest = rest
         self._movable = movable
+        self._reach = 0.5 * float(np.linalg.norm(np.ptp(rest, axis=0)))
         self.held = dict(held or {})
 
     def needs_state(self, frame: int) -> bool:
@@ -124,6 +131,6 @@ class GrabTracker:
             drag = self._motion.drags[i]
             if i not in self.held:
                 positions = self._rest if u is None else self._rest + u
-                self.held[i] = held_vertices(drag, positions, self._movable)
+                self.held[i] = held_vertices(drag, positions, self._movable, self._reach)
             result.append(Grab(self.held[i], drag.targets[frame - drag.start], drag.stiffness))
         return result

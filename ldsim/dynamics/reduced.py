@@ -1,0 +1,458 @@
+"""The reduced step, compiled: serial, without allocation, nothing of Python inside (paper, Eq. 12; Sec. 5.2, 5.3).
+
+One code path for the linear and the latent space: the linear space is the latent one with the identity decoder.
+
+    E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
+
+Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither the mesh nor the kind of element matters.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ldsim.mechanics.materials import energy_stress, tangent
+from ldsim.reduction.decoder import REASSOCIATE, Layers, decode, decode_jacobian, decode_vjp
+from ldsim.solvers.lbfgs import MAX_BACKTRACKS, accepts, backward_loop, forward_loop, shorter_step
+from ldsim.solvers.solution import Reason
+
+Array = NDArray[np.float64]
+
+CONVERGED = int(Reason.CONVERGED)
+ITERATIONS_SPENT = int(Reason.ITERATIONS_SPENT)
+NO_DECREASE = int(Reason.NO_DECREASE)
+INFINITE_START = int(Reason.INFINITE_START)
+
+
+class Reduced(NamedTuple):
+    """A reduced model, as the compiled step reads it.
+
+    layers: the decoder. G (k, 9c): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
+    (k, k): M̃/h². metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force (k,): Uᵀ f_ext, N.
+    """
+
+    layers: Layers
+    G: Array
+    weights: Array
+    kind: NDArray[np.int8]
+    mu: Array
+    lam: Array
+    inertia: Array
+    metric: Array
+    force: Array
+
+
+class Springs(NamedTuple):
+    """The grabs of one step: B (g, 3, k) and c₀ (g, 3) with c(q) = c₀ + B q, targets (g, 3) metres, stiffness (g,) N/m."""
+
+    B: Array
+    centre: Array
+    target: Array
+    stiffness: Array
+
+
+class Work(NamedTuple):
+    """Scratch memory of one instance; two threads must not share it."""
+
+    hidden: Array
+    scratch: Array
+    q: Array
+    offset: Array
+    F: Array
+    force: Array
+    g: Array
+    g_new: Array
+    d: Array
+    z_new: Array
+    jacobian: Array
+    product: Array
+    hessian: Array
+    S: Array
+    Y: Array
+    rho: Array
+    alpha: Array
+
+
+class Options(NamedTuple):
+    """How to minimise: L-BFGS, or Newton with the decoder's second derivative dropped.
+
+    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). current: precondition with the tangent at the current state, not
+    at rest. newton: renew it in every iteration and keep no memory.
+    """
+
+    tolerance: float
+    max_iterations: int
+    current: bool
+    newton: bool
+
+
+@njit(cache=True, nogil=True)
+def _strains(G: Array, q: Array, F: Array) -> None:
+    """F = I + G q for all points, (9c,)."""
+    F[:] = 0.0
+    F[0::9] = 1.0
+    F[4::9] = 1.0
+    F[8::9] = 1.0
+    k = q.shape[0]
+    even = k - k % 4
+    for j in range(0, even, 4):
+        a, b, c, d = q[j], q[j + 1], q[j + 2], q[j + 3]
+        row_a, row_b, row_c, row_d = G[j], G[j + 1], G[j + 2], G[j + 3]
+        for i in range(F.shape[0]):
+            F[i] += a * row_a[i] + b * row_b[i] + c * row_c[i] + d * row_d[i]
+    for j in range(even, k):
+        a = q[j]
+        row_a = G[j]
+        for i in range(F.shape[0]):
+            F[i] += a * row_a[i]
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _project(G: Array, P: Array, force: Array) -> None:
+    """force += Gᵀ P."""
+    for j in range(G.shape[0]):
+        row = G[j]
+        total = 0.0
+        for i in range(P.shape[0]):
+            total += row[i] * P[i]
+        force[j] += total
+
+
+@njit(cache=True, nogil=True)
+def _stresses(model: Reduced, F: Array) -> float:
+    """Energy of all points; overwrites F with w P."""
+    total = 0.0
+    for s in range(model.weights.shape[0]):
+        i = 9 * s
+        deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
+        density, P = energy_stress(model.kind[s], deformation, model.mu[s], model.lam[s])
+        if not density < math.inf:
+            return math.inf
+        w = model.weights[s]
+        total += w * density
+        F[i] = w * P[0]
+        F[i + 1] = w * P[1]
+        F[i + 2] = w * P[2]
+        F[i + 3] = w * P[3]
+        F[i + 4] = w * P[4]
+        F[i + 5] = w * P[5]
+        F[i + 6] = w * P[6]
+        F[i + 7] = w * P[7]
+        F[i + 8] = w * P[8]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _add_springs(springs: Springs, q: Array, force: Array) -> float:
+    """Energy of the grabs; adds their gradient to `force`."""
+    value = 0.0
+    for g in range(springs.stiffness.shape[0]):
+        stiffness = springs.stiffness[g]
+        for axis in range(3):
+            row = springs.B[g, axis]
+            pull = springs.centre[g, axis] - springs.target[g, axis]
+            for j in range(q.shape[0]):
+                pull += row[j] * q[j]
+            value += 0.5 * stiffness * pull * pull
+            for j in range(q.shape[0]):
+                force[j] += stiffness * pull * row[j]
+    return value
+
+
+@njit(cache=True, nogil=True)
+def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array, work: Work, gradient: Array) -> float:
+    """E(z), J, and its gradient, N; q = φ(z) is left in work.q."""
+    q, force, offset = work.q, work.force, work.offset
+    decode(model.layers, z, work.hidden, q)
+    _strains(model.G, q, work.F)
+    value = _stresses(model, work.F)
+    if not value < math.inf:
+        return math.inf
+    k = q.shape[0]
+    for j in range(k):
+        offset[j] = q[j] - predictor[j]
+    for j in range(k):
+        row = model.inertia[j]
+        momentum = 0.0
+        for i in range(k):
+            momentum += row[i] * offset[i]
+        force[j] = momentum - model.force[j]
+        value += 0.5 * offset[j] * momentum - model.force[j] * q[j]
+    value += _add_springs(springs, q, force)
+    _project(model.G, work.F, force)
+    decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
+    return value
+
+
+@njit(cache=True, nogil=True)
+def _rest_metric(model: Reduced, work: Work) -> None:
+    """hessian = Jᵀ metric J, the preconditioner of the design (paper, Eq. 15, with inertia)."""
+    J, product, H = work.jacobian, work.product, work.hessian
+    r, k = J.shape
+    if model.layers.sizes.shape[0] == 1:
+        H[:] = model.metric
+        return
+    for a in range(r):
+        product[a] = 0.0
+        for i in range(k):
+            x = J[a, i]
+            row = model.metric[i]
+            for j in range(k):
+                product[a, j] += x * row[j]
+    for a in range(r):
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(k):
+                total += product[a, j] * J[b, j]
+            H[a, b] = total
+            H[b, a] = total
+
+
+@njit(cache=True, nogil=True)
+def _unit(index: int) -> tuple[float, float, float]:
+    return (1.0 if index == 0 else 0.0, 1.0 if index == 1 else 0.0, 1.0 if index == 2 else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _current_tangent(model: Reduced, work: Work) -> None:
+    """hessian = Jᵀ (M̃/h² + Σ w Gᵀ ∂²Ψ/∂F² G) J at work.q, eigenvalues clamped at every point.
+
+    In the frame of the singular vectors, X = Uᵀ (G_s J_a) V has nine entries for each latent direction a.
+    """
+    J, H = work.jacobian, work.hessian
+    r, k = J.shape
+    X, T = work.product[:, :9], work.product[:, 9:18]
+    identity = model.layers.sizes.shape[0] == 1
+    for a in range(r):
+        for b in range(a + 1):
+            total = 0.0
+            if identity:
+                total = model.inertia[a, b]
+            else:
+                for i in range(k):
+                    row = 0.0
+                    for j in range(k):
+                        row += model.inertia[i, j] * J[b, j]
+                    total += J[a, i] * row
+            H[a, b] = total
+    _strains(model.G, work.q, work.F)
+    for s in range(model.weights.shape[0]):
+        i = 9 * s
+        F = work.F
+        deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
+        U, V, D, O = tangent(model.kind[s], deformation, model.mu[s], model.lam[s], True)
+        w = model.weights[s]
+        for a in range(r):
+            if identity:
+                for e in range(9):
+                    T[a, e] = model.G[a, i + e]
+            else:
+                for e in range(9):
+                    T[a, e] = 0.0
+                for j in range(k):
+                    x = J[a, j]
+                    row = model.G[j]
+                    for e in range(9):
+                        T[a, e] += x * row[i + e]
+            for p in range(3):
+                m0 = U[p] * T[a, 0] + U[3 + p] * T[a, 3] + U[6 + p] * T[a, 6]
+                m1 = U[p] * T[a, 1] + U[3 + p] * T[a, 4] + U[6 + p] * T[a, 7]
+                m2 = U[p] * T[a, 2] + U[3 + p] * T[a, 5] + U[6 + p] * T[a, 8]
+                X[a, 3 * p] = m0 * V[0] + m1 * V[3] + m2 * V[6]
+                X[a, 3 * p + 1] = m0 * V[1] + m1 * V[4] + m2 * V[7]
+                X[a, 3 * p + 2] = m0 * V[2] + m1 * V[5] + m2 * V[8]
+        for a in range(r):
+            x = X[a]
+            t0 = w * (D[0] * x[0] + D[3] * x[4] + D[4] * x[8])
+            t4 = w * (D[3] * x[0] + D[1] * x[4] + D[5] * x[8])
+            t8 = w * (D[4] * x[0] + D[5] * x[4] + D[2] * x[8])
+            t1 = w * (O[0] * x[1] + O[3] * x[3])
+            t3 = w * (O[0] * x[3] + O[3] * x[1])
+            t2 = w * (O[1] * x[2] + O[4] * x[6])
+            t6 = w * (O[1] * x[6] + O[4] * x[2])
+            t5 = w * (O[2] * x[5] + O[5] * x[7])
+            t7 = w * (O[2] * x[7] + O[5] * x[5])
+            for b in range(a + 1):
+                y = X[b]
+                H[a, b] += (
+                    t0 * y[0] + t1 * y[1] + t2 * y[2] + t3 * y[3] + t4 * y[4]
+                    + t5 * y[5] + t6 * y[6] + t7 * y[7] + t8 * y[8]
+                )  # fmt: skip
+    for a in range(r):
+        for b in range(a):
+            H[b, a] = H[a, b]
+
+
+@njit(cache=True, nogil=True)
+def _add_spring_metric(springs: Springs, model: Reduced, work: Work) -> None:
+    """hessian += k (B J)ᵀ (B J) of every grab."""
+    J, H = work.jacobian, work.hessian
+    r, k = J.shape
+    row = work.d
+    identity = model.layers.sizes.shape[0] == 1
+    for g in range(springs.stiffness.shape[0]):
+        for axis in range(3):
+            for a in range(r):
+                total = 0.0
+                if identity:
+                    total = springs.B[g, axis, a]
+                else:
+                    for j in range(k):
+                        total += springs.B[g, axis, j] * J[a, j]
+                row[a] = total
+            for a in range(r):
+                for b in range(r):
+                    H[a, b] += springs.stiffness[g] * row[a] * row[b]
+
+
+@njit(cache=True, nogil=True)
+def _cholesky(A: Array) -> bool:
+    """Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace."""
+    r = A.shape[0]
+    trace = 0.0
+    for a in range(r):
+        trace += A[a, a]
+    floor = 1e-13 * trace
+    if not (trace > 0.0 and trace < math.inf):
+        return False
+    for a in range(r):
+        for b in range(a + 1):
+            total = A[a, b]
+            for j in range(b):
+                total -= A[a, j] * A[b, j]
+            if a == b:
+                A[a, a] = math.sqrt(max(total, floor))
+            else:
+                A[a, b] = total / A[b, b]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _solve_cholesky(L: Array, x: Array) -> None:
+    r = L.shape[0]
+    for a in range(r):
+        total = x[a]
+        for b in range(a):
+            total -= L[a, b] * x[b]
+        x[a] = total / L[a, a]
+    for a in range(r - 1, -1, -1):
+        total = x[a]
+        for b in range(a + 1, r):
+            total -= L[b, a] * x[b]
+        x[a] = total / L[a, a]
+
+
+@njit(cache=True, nogil=True)
+def _precondition(model: Reduced, springs: Springs, options: Options, work: Work) -> bool:
+    """Factorises the preconditioner at the state last decoded."""
+    if model.layers.sizes.shape[0] > 1:
+        decode_jacobian(model.layers, work.hidden, work.scratch, work.jacobian)
+    if options.current:
+        _current_tangent(model, work)
+    else:
+        _rest_metric(model, work)
+    _add_spring_metric(springs, model, work)
+    return _cholesky(work.hessian)
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _inner(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def step(
+    model: Reduced, springs: Springs, predictor: Array, start: Array, z: Array, options: Options, work: Work
+) -> tuple[int, int, int, float, float]:
+    """One step of implicit Euler from q̂ = 2qₙ − qₙ₋₁ (paper, Eq. 12).
+
+    Args:
+        predictor: q̂, (k,).
+        start: the initial guess, (r,); where its energy is infinite, z is used instead.
+        z: zₙ on entry, zₙ₊₁ on return, (r,); φ(z) is left in work.q.
+
+    Returns:
+        iterations, evaluations, reason (`solvers.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
+        infinite energy unless it was given there.
+    """
+    g, g_new, d, z_new = work.g, work.g_new, work.d, work.z_new
+    r = z.shape[0]
+    evaluations = 1
+    f = value_gradient(model, springs, predictor, start, work, g)
+    if f < math.inf:
+        z[:] = start
+    else:
+        f = value_gradient(model, springs, predictor, z, work, g)
+        evaluations += 1
+    if not f < math.inf:
+        return 0, evaluations, INFINITE_START, f, math.inf
+    window = work.S.shape[0]
+    newest, count = -1, 0
+    for iteration in range(options.max_iterations):
+        norm = math.sqrt(_inner(g, g))
+        if norm <= options.tolerance * max(math.sqrt(_inner(z, z)), 1.0):
+            return iteration, evaluations, CONVERGED, f, norm
+        if iteration == 0 or options.newton:
+            _precondition(model, springs, options, work)
+        for i in range(r):
+            d[i] = -g[i]
+        backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
+        _solve_cholesky(work.hessian, d)
+        forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
+        slope = _inner(g, d)
+        if not slope < 0.0:
+            count = 0
+            for i in range(r):
+                d[i] = -g[i]
+            _solve_cholesky(work.hessian, d)
+            slope = _inner(g, d)
+        length, accepted, f_new = 1.0, False, math.inf
+        for _ in range(MAX_BACKTRACKS):
+            for i in range(r):
+                z_new[i] = z[i] + length * d[i]
+            f_new = value_gradient(model, springs, predictor, z_new, work, g_new)
+            evaluations += 1
+            slope_new = _inner(g_new, d) if f_new < math.inf else math.inf
+            accepted = accepts(f, slope, length, f_new, slope_new)
+            if accepted:
+                break
+            length = shorter_step(f, slope, length, f_new)
+        if not accepted:
+            decode(model.layers, z, work.hidden, work.q)
+            return iteration, evaluations, NO_DECREASE, f, norm
+        if not options.newton:
+            newest, count = _remember(work, z, z_new, g, g_new, newest, count, window)
+        for i in range(r):
+            z[i] = z_new[i]
+            g[i] = g_new[i]
+        f = f_new
+    return options.max_iterations, evaluations, ITERATIONS_SPENT, f, math.sqrt(_inner(g, g))
+
+
+@njit(cache=True, nogil=True)
+def _remember(
+    work: Work, z: Array, z_new: Array, g: Array, g_new: Array, newest: int, count: int, window: int
+) -> tuple[int, int]:
+    """Store the pair (s, y) if its curvature is safely positive; returns the ring's newest and count."""
+    slot = (newest + 1) % window
+    sy, ss, yy = 0.0, 0.0, 0.0
+    for i in range(z.shape[0]):
+        s, y = z_new[i] - z[i], g_new[i] - g[i]
+        sy += s * y
+        ss += s * s
+        yy += y * y
+    if sy <= 1e-14 * math.sqrt(ss * yy):
+        return newest, count
+    for i in range(z.shape[0]):
+        work.S[slot, i] = z_new[i] - z[i]
+        work.Y[slot, i] = g_new[i] - g[i]
+    work.rho[slot] = 1.0 / sy
+    return slot, min(count + 1, window)

@@ -1,0 +1,179 @@
+"""From a scene, a basis, a decoder and cubature points to a reduced model, its state and its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced import Options, Reduced, Springs, Work, step
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.reduction.decoder import Decoder
+from ldsim.solvers.solution import Reason, Solution
+
+Array = NDArray[np.float64]
+
+WINDOW = 8
+
+
+def reduced_mass(scene: Scene, U: Array) -> Array:
+    """M̃ = UᵀMU, (k, k) float64."""
+    fields = U.reshape(scene.mesh.n_vertices, -1)
+    product = np.ascontiguousarray(scene.mass @ fields).reshape(U.shape)
+    mass: Array = U.T @ product
+    return mass
+
+
+def reduced_rest_stiffness(scene: Scene, U: Array) -> Array:
+    """K̃₀ = UᵀK₀U, (k, k) float64, N/m in the coordinates of U."""
+    pattern = StiffnessPattern(scene.points.nodes, scene.free, scene.mesh.n_vertices)
+    rest = np.zeros((scene.mesh.n_vertices, 3))
+    matrix = pattern.matrix(pattern.stiffness_blocks(scene.elements, rest, clamp=False))
+    free = U.reshape(scene.mesh.n_vertices, 3, -1)[scene.free].reshape(3 * pattern.n_free, -1)
+    stiffness: Array = free.T @ (matrix @ free)
+    return 0.5 * (stiffness + stiffness.T)
+
+
+def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
+    """∂F/∂q of the given points, (k, 9c) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
+    k = U.shape[1]
+    nodal = U.reshape(scene.mesh.n_vertices, 3, k)
+    maps = np.empty((len(points), 9, k))
+    for start in range(0, len(points), 4096):
+        part = points[start : start + 4096]
+        maps[start : start + 4096] = np.einsum(
+            "saik,saj->sijk", nodal[scene.points.nodes[part]], scene.points.gradients[part], optimize=True
+        ).reshape(-1, 9, k)
+    return np.ascontiguousarray(maps.reshape(-1, k).T)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedState:
+    """z and q of the last two frames: all that the next step depends on.
+
+    z, z_previous (r,); q, q_previous (k,), float64. q need not be φ(z): a state taken from the full space keeps the
+    projection of its displacement.
+    """
+
+    z: Array
+    z_previous: Array
+    q: Array
+    q_previous: Array
+
+    @classmethod
+    def at_rest(cls, decoder: Decoder) -> ReducedState:
+        return cls(np.zeros(decoder.r), np.zeros(decoder.r), np.zeros(decoder.k), np.zeros(decoder.k))
+
+
+class ReducedStepper:
+    """Steps a scene in the space u = U φ(z) with a weighted few quadrature points.
+
+    Args:
+        points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
+        current, newton: the minimiser (`dynamics.reduced.Options`).
+        inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        U: Array,
+        decoder: Decoder,
+        points: NDArray[np.int64],
+        weights: Array,
+        *,
+        tolerance: float = 1e-8,
+        max_iterations: int = 500,
+        current: bool = False,
+        newton: bool = False,
+        inertia_in_metric: bool = True,
+    ) -> None:
+        elements = scene.elements
+        self.decoder = decoder
+        self._vertices = scene.mesh.vertices
+        self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
+        inertia = reduced_mass(scene, U) / scene.time_step**2
+        stiffness = reduced_rest_stiffness(scene, U)
+        self._model = Reduced(
+            decoder.layers,
+            strain_maps(scene, U, points),
+            np.ascontiguousarray(weights, dtype=np.float64),
+            elements.kind[points],
+            elements.mu[points],
+            elements.lam[points],
+            inertia,
+            inertia + stiffness if inertia_in_metric else stiffness,
+            U.T @ scene.external_force.ravel(),
+        )
+        self._options = Options(tolerance, max_iterations, current or newton, newton)
+        self._work = make_work(decoder, len(points))
+        self._springs_of: list[NDArray[np.int64]] = []
+        self._springs = self._make_springs([])
+
+    def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
+        """Advance by one time step; the returned state is new, the given one unchanged."""
+        springs = self.springs(grabs)
+        z = state.z.copy()
+        iterations, evaluations, reason, value, norm = step(
+            self._model,
+            springs,
+            2 * state.q - state.q_previous,
+            2 * state.z - state.z_previous,
+            z,
+            self._options,
+            self._work,
+        )
+        advanced = ReducedState(z, state.z, self._work.q.copy(), state.q)
+        return advanced, Solution(value, norm, iterations, evaluations, Reason(reason))
+
+    def springs(self, grabs: Sequence[Grab]) -> Springs:
+        """The grabs in reduced coordinates; B is kept while the same vertices are held."""
+        held = [grab.vertices for grab in grabs]
+        if len(held) != len(self._springs_of) or any(a is not b for a, b in zip(held, self._springs_of, strict=True)):
+            self._springs = self._make_springs(grabs)
+            self._springs_of = held
+        for i, grab in enumerate(grabs):
+            self._springs.target[i] = grab.target
+            self._springs.stiffness[i] = grab.stiffness
+        return self._springs
+
+    def _make_springs(self, grabs: Sequence[Grab]) -> Springs:
+        count, k = len(grabs), self._U.shape[2]
+        springs = Springs(np.zeros((count, 3, k)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
+        for i, grab in enumerate(grabs):
+            springs.B[i] = self._U[grab.vertices].mean(axis=0)
+            springs.centre[i] = self._vertices[grab.vertices].mean(axis=0)
+        return springs
+
+    def displacement(self, state: ReducedState) -> Array:
+        """u = U q, (n, 3) float64, metres."""
+        u: Array = self._U @ state.q
+        return u
+
+
+def make_work(decoder: Decoder, n_points: int) -> Work:
+    """Scratch memory for a decoder and a number of cubature points."""
+    r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
+    return Work(
+        hidden=np.zeros(hidden),
+        scratch=np.zeros(hidden),
+        q=np.zeros(k),
+        offset=np.zeros(k),
+        F=np.zeros(9 * n_points),
+        force=np.zeros(k),
+        g=np.zeros(r),
+        g_new=np.zeros(r),
+        d=np.zeros(r),
+        z_new=np.zeros(r),
+        jacobian=np.zeros((r, k)),
+        product=np.zeros((r, max(k, 18))),
+        hessian=np.zeros((r, r)),
+        S=np.zeros((WINDOW, r)),
+        Y=np.zeros((WINDOW, r)),
+        rho=np.zeros(WINDOW),
+        alpha=np.zeros(WINDOW),
+    )
