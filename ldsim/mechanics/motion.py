@@ -24,6 +24,7 @@ class Drag:
         targets: the pointer in each frame of the drag, (frames, 3) float64, metres.
         radius: vertices within it of the picked vertex are held, metres.
         stiffness: of the spring on their centroid, N/m.
+        at_rest: whether `point` is on the rest shape instead of the deformed one.
     """
 
     start: int
@@ -31,6 +32,7 @@ class Drag:
     targets: NDArray[np.float64]
     radius: float
     stiffness: float
+    at_rest: bool = False
 
     @property
     def stop(self) -> int:
@@ -122,7 +124,7 @@ class GrabTracker:
 
     def needs_state(self, frame: int) -> bool:
         """Whether the deformed mesh is needed to settle a drag that starts in this frame."""
-        return any(i not in self.held for i in self._motion.active(frame))
+        return any(i not in self.held and not self._motion.drags[i].at_rest for i in self._motion.active(frame))
 
     def grabs(self, frame: int, u: NDArray[np.float64] | None = None) -> list[Grab]:
         """The grabs of a frame; u, (n, 3) metres, is the displacement before it."""
@@ -130,7 +132,7 @@ class GrabTracker:
         for i in self._motion.active(frame):
             drag = self._motion.drags[i]
             if i not in self.held:
-                positions = self._rest if u is None else self._rest + u
+                positions = self._rest if u is None or drag.at_rest else self._rest + u
                 self.held[i] = held_vertices(drag, positions, self._movable, self._reach)
             result.append(Grab(self.held[i], drag.targets[frame - drag.start], drag.stiffness))
         return result

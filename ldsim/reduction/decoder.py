@@ -197,6 +197,19 @@ class Decoder:
         return int(self.layers.sizes[-1])
 
     @property
+    def weights(self) -> list[Array]:
+        """The (in, out) matrix of each layer; none for the identity."""
+        sizes = self.layers.sizes
+        flat = np.split(self.layers.weights, np.cumsum(sizes[:-1] * sizes[1:])[:-1]) if len(sizes) > 1 else []
+        return [part.reshape(sizes[i], sizes[i + 1]) for i, part in enumerate(flat)]
+
+    @property
+    def biases(self) -> list[Array]:
+        """The (out,) offsets of each layer; none for the identity."""
+        sizes = self.layers.sizes
+        return np.split(self.layers.biases, np.cumsum(sizes[1:])[:-1]) if len(sizes) > 1 else []
+
+    @property
     def is_identity(self) -> bool:
         return len(self.layers.sizes) == 1
 

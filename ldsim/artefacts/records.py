@@ -1,0 +1,212 @@
+"""The plain data types to and from artefacts: scene, basis, model and cubature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.store import Header, read_header, reading, write
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.mesh import Mesh
+from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder
+from ldsim.reduction.pca import Basis
+
+Array = NDArray[np.float64]
+
+
+def write_scene(path: Path, header: Header, scene: Scene) -> None:
+    """Write scene.h5."""
+    points = scene.points
+    write(
+        path,
+        header,
+        {
+            "mesh/vertices": scene.mesh.vertices,
+            "mesh/cells": scene.mesh.cells,
+            "quadrature/nodes": points.nodes,
+            "quadrature/gradients": points.gradients,
+            "quadrature/weights": points.weights,
+            "quadrature/cells": points.cells,
+            "material/kind": scene.material,
+            "material/mu": scene.mu,
+            "material/lam": scene.lam,
+            "material/density": scene.density,
+            "pinned": scene.pinned,
+            "gravity": scene.gravity,
+            "time_step": np.float64(scene.time_step),
+        },
+    )
+
+
+def read_scene(path: Path) -> tuple[Scene, Header]:
+    """Read scene.h5; the quadrature is made anew from the mesh."""
+    with reading(path, "scene") as file:
+        cells = file["mesh/cells"][:]
+        mesh = Mesh(file["mesh/vertices"][:], cells, "tet4" if cells.shape[1] == 4 else "hex8")
+        scene = Scene(
+            mesh,
+            file["material/kind"][:],
+            file["material/mu"][:],
+            file["material/lam"][:],
+            file["material/density"][:],
+            file["pinned"][:],
+            file["gravity"][:],
+            float(file["time_step"][()]),
+        )
+        return scene, read_header(file)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredBasis:
+    """basis.h5: the basis and its error on held-out motions, each (k + 1,) metres or None where there are none."""
+
+    basis: Basis
+    heldout_max_error: Array | None
+    heldout_mean_error: Array | None
+
+
+def write_basis(path: Path, header: Header, stored: StoredBasis) -> None:
+    """Write basis.h5."""
+    datasets = {
+        "U": stored.basis.U,
+        "singular_values": stored.basis.singular_values,
+        "max_error": stored.basis.max_error,
+        "mean_error": stored.basis.mean_error,
+    }
+    if stored.heldout_max_error is not None and stored.heldout_mean_error is not None:
+        datasets["heldout_max_error"] = stored.heldout_max_error
+        datasets["heldout_mean_error"] = stored.heldout_mean_error
+    write(path, header, datasets)
+
+
+def read_basis(path: Path) -> tuple[StoredBasis, Header]:
+    """Read basis.h5."""
+    with reading(path, "basis") as file:
+        basis = Basis(file["U"][:], file["singular_values"][:], file["max_error"][:], file["mean_error"][:])
+        heldout = [file[name][:] if name in file else None for name in ("heldout_max_error", "heldout_mean_error")]
+        return StoredBasis(basis, heldout[0], heldout[1]), read_header(file)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredModel:
+    """model.h5: the autoencoder and how it came about.
+
+    Attributes:
+        loss: training and validation loss after each epoch, (epochs, 2).
+        search: r, largest and mean training error in mm of each size tried, (tried, 3).
+        errors: largest and mean vertex error in metres (columns) on training and held-out frames (rows), (2, 2); NaN
+            where there are no held-out motions.
+        kp: the PCA dimension whose largest training error matches the autoencoder's.
+    """
+
+    decoder: Decoder
+    encoder: Encoder
+    loss: Array
+    search: Array
+    errors: Array
+    kp: int
+    best_epoch: int
+
+
+def write_model(path: Path, header: Header, model: StoredModel) -> None:
+    """Write model.h5; the activation goes into the header's notes."""
+    datasets: dict[str, NDArray[np.generic] | float | int] = {
+        "loss": model.loss,
+        "search": model.search,
+        "errors": model.errors,
+        "kp": np.int64(model.kp),
+        "best_epoch": np.int64(model.best_epoch),
+    }
+    for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
+        datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias
+    for i, (weight, bias) in enumerate(zip(model.encoder.weights, model.encoder.biases, strict=True)):
+        datasets[f"encoder/weights_{i}"], datasets[f"encoder/biases_{i}"] = weight, bias
+    write(path, header, datasets)
+
+
+def read_model(path: Path) -> tuple[StoredModel, Header]:
+    """Read model.h5."""
+    with reading(path, "model") as file:
+        header = read_header(file)
+        activation = str(header.notes["activation"])
+        up, down = _layers(file["decoder"]), _layers(file["encoder"])
+        model = StoredModel(
+            Decoder.network(*up, activation=activation),
+            Encoder(tuple(down[0]), tuple(down[1]), activation),
+            file["loss"][:],
+            file["search"][:],
+            file["errors"][:],
+            int(file["kp"][()]),
+            int(file["best_epoch"][()]),
+        )
+        return model, header
+
+
+def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:
+    count = sum(name.startswith("weights_") for name in group)
+    return [group[f"weights_{i}"][:] for i in range(count)], [group[f"biases_{i}"][:] for i in range(count)]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCubature:
+    """The cubature of one space: its ladder of sets with their held-out errors, and the set that was chosen.
+
+    Attributes:
+        ladder: from the smallest set to the largest.
+        heldout_errors: relative error of each on held-out poses, (l,).
+        chosen: index of the set in the ladder.
+    """
+
+    ladder: tuple[CubatureSet, ...]
+    heldout_errors: Array
+    chosen: int
+
+    @property
+    def best(self) -> CubatureSet:
+        return self.ladder[self.chosen]
+
+    def at_most(self, points: int) -> CubatureSet:
+        """The largest set of at most so many points."""
+        fitting = [entry for entry in self.ladder if len(entry.points) <= points]
+        return fitting[-1] if fitting else self.ladder[0]
+
+
+def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]) -> None:
+    """Write cubature.h5 with one group a space."""
+    datasets: dict[str, NDArray[np.generic] | float | int] = {}
+    for space, stored in spaces.items():
+        errors = np.array([entry.training_error for entry in stored.ladder])
+        datasets[f"{space}/points"] = stored.best.points
+        datasets[f"{space}/weights"] = stored.best.weights
+        datasets[f"{space}/errors"] = np.array([errors[stored.chosen], stored.heldout_errors[stored.chosen]])
+        datasets[f"{space}/ladder_sizes"] = np.array([len(entry.points) for entry in stored.ladder], dtype=np.int64)
+        datasets[f"{space}/ladder_errors"] = np.column_stack([errors, stored.heldout_errors])
+        datasets[f"{space}/ladder_points"] = np.concatenate([entry.points for entry in stored.ladder])
+        datasets[f"{space}/ladder_weights"] = np.concatenate([entry.weights for entry in stored.ladder])
+    write(path, header, datasets)
+
+
+def read_cubature(path: Path) -> tuple[dict[str, StoredCubature], Header]:
+    """Read cubature.h5."""
+    with reading(path, "cubature") as file:
+        spaces = {space: _stored_cubature(file[space]) for space in file}
+        return spaces, read_header(file)
+
+
+def _stored_cubature(group: h5py.Group) -> StoredCubature:
+    sizes, errors = group["ladder_sizes"][:], group["ladder_errors"][:]
+    points = np.split(group["ladder_points"][:], np.cumsum(sizes)[:-1])
+    weights = np.split(group["ladder_weights"][:], np.cumsum(sizes)[:-1])
+    ladder = tuple(CubatureSet(p, w, float(e)) for p, w, e in zip(points, weights, errors[:, 0], strict=True))
+    chosen = [
+        i
+        for i, entry in enumerate(ladder)
+        if np.array_equal(entry.points, group["points"][:]) and np.array_equal(entry.weights, group["weights"][:])
+    ]
+    return StoredCubature(ladder, errors[:, 1], chosen[0])

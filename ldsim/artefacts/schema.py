@@ -1,0 +1,104 @@
+"""What each kind of artefact holds: every dataset with its type and shape (docs/artefacts.md is made from this table).
+
+A shape is a tuple of numbers and symbols; the same symbol has the same value throughout a file. `*` in a path stands for
+a name, and symbols inside such a group are its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One dataset: path, numpy type code, shape in symbols, unit and meaning."""
+
+    path: str
+    dtype: str
+    shape: tuple[int | str, ...]
+    unit: str
+    meaning: str
+    optional: bool = False
+
+
+_SETS = (
+    Dataset("*/points", "i8", ("c",), "", "cubature points of the best set, indices of quadrature points"),
+    Dataset("*/weights", "f8", ("c",), "m³", "their weights, > 0"),
+    Dataset("*/errors", "f8", (2,), "", "relative error on training and held-out poses"),
+    Dataset("*/ladder_sizes", "i8", ("l",), "", "points of each set of the ladder"),
+    Dataset("*/ladder_errors", "f8", ("l", 2), "", "their relative error on training and held-out poses"),
+    Dataset("*/ladder_points", "i8", ("a",), "", "the points of all sets of the ladder, one set after another"),
+    Dataset("*/ladder_weights", "f8", ("a",), "m³", "their weights"),
+)
+
+_MOTION = (
+    Dataset("motions/*/displacements", "f4", ("N", "n", 3), "m", "displacement of every vertex after each frame"),
+    Dataset("motions/*/drag_start", "i8", ("D",), "frame", "first frame of each drag"),
+    Dataset("motions/*/drag_frames", "i8", ("D",), "", "number of frames of each drag"),
+    Dataset("motions/*/drag_point", "f8", ("D", 3), "m", "where the drag takes hold"),
+    Dataset("motions/*/drag_radius", "f8", ("D",), "m", "vertices within it are held"),
+    Dataset("motions/*/drag_stiffness", "f8", ("D",), "N/m", "of the spring on their centroid"),
+    Dataset("motions/*/drag_at_rest", "?", ("D",), "", "whether the point is on the rest shape"),
+    Dataset("motions/*/targets", "f8", ("T", 3), "m", "pointer in each frame of each drag, one drag after another"),
+    Dataset("motions/*/held", "i8", ("H",), "", "held vertices, one drag after another"),
+    Dataset("motions/*/held_count", "i8", ("D",), "", "number of held vertices of each drag"),
+    Dataset("motions/*/iterations", "i8", ("N",), "", "of the solver in each frame"),
+    Dataset("motions/*/evaluations", "i8", ("N",), "", "of the potential in each frame"),
+    Dataset("motions/*/reason", "i8", ("N",), "", "why the solver stopped (0 converged)"),
+    Dataset("motions/*/seconds", "f8", ("N",), "s", "wall time of each frame; motions may have run side by side"),
+)
+
+_RUN = (
+    Dataset("runs/*/*/coordinates", "f8", ("N", "k"), "", "q after each frame; absent for the full space", True),
+    Dataset("runs/*/*/latent", "f8", ("N", "r"), "", "z after each frame, latent space only", True),
+    Dataset("runs/*/*/iterations", "i8", ("N",), "", "of the minimiser in each frame"),
+    Dataset("runs/*/*/evaluations", "i8", ("N",), "", "of the potential in each frame"),
+    Dataset("runs/*/*/reason", "i8", ("N",), "", "why the minimiser stopped (0 converged)"),
+    Dataset("runs/*/*/seconds", "f8", ("N",), "s", "of each step, alone on the machine"),
+    Dataset("runs/*/*/mean_error", "f8", ("N",), "m", "mean vertex distance to the full space", True),
+    Dataset("runs/*/*/max_error", "f8", ("N",), "m", "largest vertex distance to the full space", True),
+    Dataset("runs/*/*/windowed_mean_error", "f8", ("N",), "m", "the same, restarted every window", True),
+    Dataset("runs/*/*/mean_displacement", "f8", ("N",), "m", "mean displacement of the full space", True),
+)
+
+SCHEMAS: dict[str, tuple[Dataset, ...]] = {
+    "scene": (
+        Dataset("mesh/vertices", "f8", ("n", 3), "m", "rest positions"),
+        Dataset("mesh/cells", "i4", ("m", "a"), "", "vertices of each cell, VTK's order"),
+        Dataset("quadrature/nodes", "i4", ("s", "a"), "", "vertices of each quadrature point"),
+        Dataset("quadrature/gradients", "f8", ("s", "a", 3), "1/m", "shape-function gradients"),
+        Dataset("quadrature/weights", "f8", ("s",), "m³", "volume of each point"),
+        Dataset("quadrature/cells", "i4", ("s",), "", "cell of each point"),
+        Dataset("material/kind", "i1", ("m",), "", "number of the material of each cell"),
+        Dataset("material/mu", "f8", ("m",), "Pa", "shear modulus of each cell"),
+        Dataset("material/lam", "f8", ("m",), "Pa", "Lamé's first parameter of each cell"),
+        Dataset("material/density", "f8", ("m",), "kg/m³", "density of each cell"),
+        Dataset("pinned", "?", ("n",), "", "vertices that do not move"),
+        Dataset("gravity", "f8", (3,), "m/s²", "acceleration"),
+        Dataset("time_step", "f8", (), "s", "h"),
+    ),
+    "snapshots": _MOTION,
+    "basis": (
+        Dataset("U", "f8", ("d", "k"), "", "columns orthonormal in the inner product, d = 3n"),
+        Dataset("singular_values", "f8", ("N",), "", "of the training snapshots"),
+        Dataset("max_error", "f8", ("e",), "m", "largest vertex error with 0 … k columns, training"),
+        Dataset("mean_error", "f8", ("e",), "m", "mean vertex error with 0 … k columns, training"),
+        Dataset("heldout_max_error", "f8", ("e",), "m", "the same on held-out motions", True),
+        Dataset("heldout_mean_error", "f8", ("e",), "m", "the same on held-out motions", True),
+    ),
+    "model": (
+        Dataset("decoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
+        Dataset("decoder/biases_*", "f8", ("o",), "", "of each layer"),
+        Dataset("encoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
+        Dataset("encoder/biases_*", "f8", ("o",), "", "of each layer"),
+        Dataset("loss", "f8", ("epochs", 2), "kg m²", "training and validation loss after each epoch"),
+        Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
+        Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and held-out frames"),
+        Dataset("kp", "i8", (), "", "PCA dimension with the autoencoder's largest training error"),
+        Dataset("best_epoch", "i8", (), "", "the epoch whose weights were kept"),
+    ),
+    "cubature": _SETS,
+    "simulation": _RUN,
+}

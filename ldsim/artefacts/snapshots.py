@@ -1,0 +1,247 @@
+"""snapshots.h5: the full-space run of every motion, streamed; and the checkpoints of runs that are not finished."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.schema import SCHEMAS
+from ldsim.artefacts.store import Header, check_datasets, read_header, reading, replacing, write_header
+from ldsim.mechanics.motion import Drag, Motion
+
+Array = NDArray[np.float64]
+
+CHUNK_BYTES = 128 << 20
+STATISTICS = ("iterations", "evaluations", "reason")
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A motion as it ran in the full space.
+
+    Attributes:
+        motion: what pulled.
+        role: "train" or "heldout".
+        held: held vertices of each drag.
+        iterations, evaluations, reason, seconds: of each frame, (N,).
+    """
+
+    motion: Motion
+    role: str
+    held: Mapping[int, NDArray[np.int64]]
+    iterations: NDArray[np.int64]
+    evaluations: NDArray[np.int64]
+    reason: NDArray[np.int64]
+    seconds: Array
+
+
+def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict[str, NDArray[np.generic]]:
+    """A motion and its held vertices as arrays."""
+    drags = motion.drags
+    vertices = [held.get(i, np.empty(0, dtype=np.int64)) for i in range(len(drags))]
+    return {
+        "drag_start": np.array([drag.start for drag in drags], dtype=np.int64),
+        "drag_frames": np.array([len(drag.targets) for drag in drags], dtype=np.int64),
+        "drag_point": np.array([drag.point for drag in drags], dtype=np.float64).reshape(-1, 3),
+        "drag_radius": np.array([drag.radius for drag in drags], dtype=np.float64),
+        "drag_stiffness": np.array([drag.stiffness for drag in drags], dtype=np.float64),
+        "drag_at_rest": np.array([drag.at_rest for drag in drags], dtype=bool),
+        "targets": np.concatenate([np.empty((0, 3)), *(drag.targets for drag in drags)]),
+        "held": np.concatenate([np.empty(0, dtype=np.int64), *vertices]),
+        "held_count": np.array([len(v) for v in vertices], dtype=np.int64),
+    }
+
+
+def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, NDArray[np.int64]]]:
+    """A motion and its held vertices from the group that holds its arrays."""
+    frames = group["drag_frames"][:]
+    targets = np.split(group["targets"][:], np.cumsum(frames)[:-1]) if len(frames) else []
+    held = np.split(group["held"][:], np.cumsum(group["held_count"][:])[:-1]) if len(frames) else []
+    columns = [group[key][:] for key in ("drag_start", "drag_point", "drag_radius", "drag_stiffness", "drag_at_rest")]
+    drags = tuple(
+        Drag(int(start), point, target, float(radius), float(stiffness), bool(at_rest))
+        for start, point, radius, stiffness, at_rest, target in zip(*columns, targets, strict=True)
+    )
+    settled = {i: vertices for i, vertices in enumerate(held) if len(vertices)}
+    return Motion(name, int(group.attrs["frames"]), drags), settled
+
+
+class Snapshots:
+    """snapshots.h5, open for reading; displacements are read in chunks of bounded size.
+
+    Use as a context manager.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> Snapshots:
+        self._context = reading(self._path, "snapshots")
+        self._file = self._context.__enter__()
+        self.header: Header = read_header(self._file)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._context.__exit__(None, None, None)
+
+    @property
+    def names(self) -> list[str]:
+        """Motions in the order of the configuration."""
+        groups = self._file["motions"]
+        return sorted(groups, key=lambda name: int(groups[name].attrs["order"]))
+
+    def with_role(self, role: str) -> list[str]:
+        return [name for name in self.names if self._file["motions"][name].attrs["role"] == role]
+
+    def recorded(self, name: str) -> Recorded:
+        """A motion with its statistics, without the displacements."""
+        group = self._file["motions"][name]
+        motion, held = read_motion(group, name)
+        statistics = (group[key][:] for key in (*STATISTICS, "seconds"))
+        return Recorded(motion, str(group.attrs["role"]), held, *statistics)
+
+    def frames(self, name: str) -> int:
+        return int(self._file["motions"][name].attrs["frames"])
+
+    def displacements(self, name: str, start: int, stop: int) -> NDArray[np.float32]:
+        """Frames start … stop − 1, (frames, n, 3) float32, metres."""
+        part: NDArray[np.float32] = self._file["motions"][name]["displacements"][start:stop]
+        return part
+
+    def frame(self, name: str, index: int) -> Array:
+        """One frame, (n, 3) float64, metres; frame −1 is rest."""
+        if index < 0:
+            return np.zeros(self._file["motions"][name]["displacements"].shape[1:])
+        frame: Array = self._file["motions"][name]["displacements"][index].astype(np.float64)
+        return frame
+
+    def chunks(self, names: list[str]) -> Iterator[NDArray[np.float32]]:
+        """Rows of displacements (b, 3n) float32 of the given motions, in bounded pieces."""
+        for name in names:
+            data = self._file["motions"][name]["displacements"]
+            rows = max(CHUNK_BYTES // (data.shape[1] * 12), 1)
+            for start in range(0, len(data), rows):
+                part = data[start : start + rows]
+                yield part.reshape(len(part), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Where an unfinished run of a motion stands; all arrays it needs to go on as if undisturbed.
+
+    Attributes:
+        identity: hash of the scene, the motion and the solver's settings; another identity is another run.
+        state: the stepper's state by name.
+        held: held vertices of the drags so far.
+        statistics: (frames so far,) each.
+    """
+
+    identity: str
+    state: Mapping[str, Array | int]
+    held: Mapping[int, NDArray[np.int64]]
+    statistics: Mapping[str, NDArray[np.int64]]
+    seconds: Array
+
+    @property
+    def frames(self) -> int:
+        return len(self.seconds)
+
+
+class MotionStore:
+    """The files of one motion's run: frames appended one by one, and a checkpoint replaced after each."""
+
+    def __init__(self, folder: Path, motion: Motion) -> None:
+        self._folder = folder
+        self._motion = motion
+        self._frames_path = folder / f"{motion.name}.frames"
+        self._checkpoint_path = folder / f"{motion.name}.checkpoint.h5"
+
+    def write_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Replace the checkpoint."""
+        with replacing(self._checkpoint_path) as temporary, h5py.File(temporary, "w") as file:
+            file.attrs["identity"] = checkpoint.identity
+            for name, values in checkpoint.state.items():
+                file[f"state/{name}"] = values
+            for name, counts in checkpoint.statistics.items():
+                file[f"statistics/{name}"] = counts
+            file["seconds"] = checkpoint.seconds
+            for drag, vertices in checkpoint.held.items():
+                file[f"held/{drag}"] = vertices
+
+    def read_checkpoint(self, identity: str, frame_bytes: int) -> Checkpoint | None:
+        """The checkpoint of this very run, or None; frames written after it are cut off."""
+        try:
+            with h5py.File(self._checkpoint_path, "r") as file:
+                if file.attrs["identity"] != identity:
+                    return None
+                state = {name: data[()] for name, data in file["state"].items()}
+                held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
+                statistics = {name: data[:] for name, data in file["statistics"].items()}
+                checkpoint = Checkpoint(identity, state, held, statistics, file["seconds"][:])
+        except (OSError, KeyError):
+            return None
+        expected = checkpoint.frames * frame_bytes
+        if not self._frames_path.is_file() or self._frames_path.stat().st_size < expected:
+            return None
+        os.truncate(self._frames_path, expected)
+        return checkpoint
+
+    def start(self) -> None:
+        """Forget whatever an earlier run left."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._frames_path.write_bytes(b"")
+        self._checkpoint_path.unlink(missing_ok=True)
+
+    def append(self, u: Array) -> None:
+        """Append one frame, (n, 3) metres, as float32."""
+        with self._frames_path.open("ab") as stream:
+            stream.write(np.ascontiguousarray(u, dtype=np.float32).tobytes())
+
+    def frames_written(self, frame_bytes: int) -> int:
+        """Frames in the file so far; 0 when there is none."""
+        try:
+            return self._frames_path.stat().st_size // frame_bytes
+        except OSError:
+            return 0
+
+    def copy_into(self, group: h5py.Group, n_vertices: int) -> None:
+        """Move the finished run into its group of snapshots.h5, in bounded pieces."""
+        frames = self._motion.frames
+        with h5py.File(self._checkpoint_path, "r") as file:
+            held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
+            for name in STATISTICS:
+                group[name] = file[f"statistics/{name}"][:]
+            group["seconds"] = file["seconds"][:]
+        for name, values in motion_arrays(self._motion, held).items():
+            group[name] = values
+        data = group.create_dataset("displacements", (frames, n_vertices, 3), "f4", chunks=(1, n_vertices, 3))
+        rows = max(CHUNK_BYTES // (n_vertices * 12), 1)
+        with self._frames_path.open("rb") as stream:
+            for start in range(0, frames, rows):
+                count = min(rows, frames - start)
+                part = np.fromfile(stream, dtype=np.float32, count=count * n_vertices * 3)
+                data[start : start + count] = part.reshape(count, n_vertices, 3)
+
+    def remove(self) -> None:
+        self._frames_path.unlink(missing_ok=True)
+        self._checkpoint_path.unlink(missing_ok=True)
+
+
+def write_snapshots(path: Path, header: Header, stores: list[tuple[MotionStore, Motion, str]], n_vertices: int) -> None:
+    """Gather finished runs into snapshots.h5 and remove their partial files."""
+    assert "snapshots" in SCHEMAS
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        write_header(file, header)
+        for order, (store, motion, role) in enumerate(stores):
+            group = file.create_group(f"motions/{motion.name}")
+            group.attrs["role"], group.attrs["order"], group.attrs["frames"] = role, order, motion.frames
+            store.copy_into(group, n_vertices)
+        check_datasets(file, header.kind, path)
+    for store, _, _ in stores:
+        store.remove()

@@ -1,0 +1,57 @@
+"""Seeded random pulls that spread over the surface and the directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mechanics.motion import Drag, Motion
+
+
+def random_pulls(
+    name: str,
+    surface: NDArray[np.float64],
+    count: int,
+    seed: int,
+    reach: float,
+    stiffness: float,
+    radius: float,
+    frames: int,
+    rest: int,
+) -> Motion:
+    """Pull one surface point after another: out along a smooth ramp, held, let go, left to swing.
+
+    Points are chosen farthest from those chosen before, the first at random, so that few pulls cover the surface;
+    directions are uniform on the sphere.
+
+    Args:
+        surface: movable vertices of the surface at rest, (v, 3) float64, metres.
+        reach: how far the pointer goes from the point, metres.
+        frames, rest: frames of a pull, and of free motion after it.
+    """
+    generator = np.random.default_rng(seed)
+    points = surface[_spread(surface, count, generator)]
+    directions = generator.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    lengths = reach * generator.uniform(0.4, 1.0, size=count)
+    ramp = np.minimum(np.arange(1, frames + 1) / (0.7 * frames), 1.0)
+    ramp = ramp * ramp * (3 - 2 * ramp)
+    drags = [
+        Drag(i * (frames + rest), point, point + ramp[:, None] * (length * direction), radius, stiffness, at_rest=True)
+        for i, (point, direction, length) in enumerate(zip(points, directions, lengths, strict=True))
+    ]
+    return Motion(name, count * (frames + rest), tuple(drags))
+
+
+def _spread(points: NDArray[np.float64], count: int, generator: np.random.Generator) -> NDArray[np.int64]:
+    """Indices of `count` points, each the farthest from those before; starts anew when all are used."""
+    chosen = [int(generator.integers(len(points)))]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
+        farthest = int(distance.argmax())
+        if distance[farthest] == 0:
+            distance[:] = np.inf
+            farthest = int(generator.integers(len(points)))
+        chosen.append(farthest)
+        distance = np.minimum(distance, np.linalg.norm(points - points[farthest], axis=1))
+    return np.array(chosen, dtype=np.int64)
