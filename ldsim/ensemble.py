@@ -1,0 +1,151 @@
+"""Full-space runs of many motions, side by side, each resumable at the frame it had reached.
+
+Motions are independent, so each runs in a process of its own with one thread. A run appends its frames to a file and
+replaces a checkpoint after each; whoever is interrupted continues from there and repeats an undisturbed run exactly,
+because the checkpoint holds all that the next step depends on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.records import read_scene
+from ldsim.artefacts.snapshots import Checkpoint, MotionStore, motion_arrays
+from ldsim.artefacts.store import file_hash
+from ldsim.dynamics.full import FullState, FullStepper, run
+from ldsim.errors import SolverError
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.threads import one_thread
+
+POLL_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Settings of the full-space solver, as `FullStepper` takes them."""
+
+    tolerance: float
+    factor_cost: int
+    max_iterations: int
+
+
+def run_motions(
+    scene_path: Path,
+    folder: Path,
+    motions: Sequence[Motion],
+    options: SolverOptions,
+    workers: int,
+    progress: Callable[[int, int], None],
+) -> None:
+    """Run every motion to its end, continuing what an earlier call had begun.
+
+    Args:
+        folder: where the partial files lie.
+        progress: called now and then with the frames done and the motions still to finish.
+
+    Raises:
+        LdsimError: of the first motion that failed; the frames of all motions are kept.
+    """
+    n_vertices = read_scene(scene_path)[0].mesh.n_vertices
+    stores = [MotionStore(folder, motion) for motion in motions]
+    folder.mkdir(parents=True, exist_ok=True)
+    context = multiprocessing.get_context("spawn")
+    longest_first = sorted(motions, key=lambda motion: -motion.frames)
+    pool = ProcessPoolExecutor(min(workers, len(motions)), mp_context=context)
+    try:
+        pending: set[Future[None]] = {
+            pool.submit(run_motion, scene_path, folder, motion, options) for motion in longest_first
+        }
+        while pending:
+            done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+            progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(pending))
+            for future in done:
+                future.result()
+    except BrokenProcessPool as error:
+        raise SolverError(
+            "a worker process died (out of memory?); finished frames are kept — run again to continue, with a smaller "
+            "snapshot.workers if memory is short"
+        ) from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOptions) -> None:
+    """Run one motion from rest or from its checkpoint to its end."""
+    with one_thread():
+        scene, _ = read_scene(scene_path)
+        store = MotionStore(folder, motion)
+        identity = run_identity(scene_path, motion, options)
+        checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
+        if checkpoint is None:
+            store.start()
+            checkpoint = _beginning(identity, scene)
+        stepper = FullStepper(scene, options.tolerance, options.factor_cost, options.max_iterations)
+        tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(checkpoint.held))
+        statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
+        seconds = list(checkpoint.seconds)
+        frames = range(checkpoint.frames, motion.frames)
+        started = time.perf_counter()
+        for _, state, solution in run(stepper, tracker, _state(checkpoint), frames):
+            seconds.append(time.perf_counter() - started)
+            for name, value in zip(statistics, (solution.iterations, solution.evaluations, solution.reason), strict=True):
+                statistics[name].append(int(value))
+            store.append(state.u)
+            store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))
+            started = time.perf_counter()
+
+
+def run_identity(scene_path: Path, motion: Motion, options: SolverOptions) -> str:
+    """SHA-256 of all that a run depends on."""
+    digest = hashlib.sha256(file_hash(scene_path).encode())
+    digest.update(repr((motion.name, motion.frames, options)).encode())
+    for name, values in motion_arrays(motion, {}).items():
+        digest.update(name.encode() + values.tobytes())
+    return digest.hexdigest()
+
+
+def _beginning(identity: str, scene: Scene) -> Checkpoint:
+    state = FullState.at_rest(scene.mesh.n_vertices)
+    none = np.empty(0, dtype=np.int64)
+    return Checkpoint(
+        identity, _arrays(state), {}, {"iterations": none, "evaluations": none, "reason": none}, np.empty(0)
+    )
+
+
+def _checkpoint(
+    identity: str, state: FullState, tracker: GrabTracker, statistics: dict[str, list[int]], seconds: list[float]
+) -> Checkpoint:
+    counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
+    return Checkpoint(identity, _arrays(state), tracker.held, counts, np.array(seconds))
+
+
+def _arrays(state: FullState) -> dict[str, NDArray[np.float64] | int]:
+    return {
+        "u": state.u,
+        "u_previous": state.u_previous,
+        "u_factor": state.u_factor,
+        "fresh_iterations": state.fresh_iterations,
+        "excess": state.excess,
+    }
+
+
+def _state(checkpoint: Checkpoint) -> FullState:
+    arrays = checkpoint.state
+    return FullState(
+        np.asarray(arrays["u"], dtype=np.float64),
+        np.asarray(arrays["u_previous"], dtype=np.float64),
+        np.asarray(arrays["u_factor"], dtype=np.float64),
+        int(arrays["fresh_iterations"]),
+        int(arrays["excess"]),
+    )
