@@ -102,7 +102,7 @@ def _quiet() -> Iterator[io.StringIO]:
 
 @contextlib.contextmanager
 def _as_mesh_error(path: Path, what: str, said: io.StringIO | None = None) -> Iterator[None]:
-    """Turn anything that meshio fails with into a `MeshError`: it exits the process, or lets its parsers' errors out."""
+    """Turn anything that meshio fails with into a `MeshError`: an exit, or its parsers' own errors."""
     try:
         yield
     except (Exception, SystemExit) as error:

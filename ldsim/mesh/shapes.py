@@ -19,7 +19,7 @@ MAX_RESOLUTION = 64
 MAX_VOXELS = 2_000_000
 
 
-def _kuhn_tets() -> NDArray[np.int64]:
+def _kuhn_tets() -> NDArray[np.int32]:
     """The six right-handed tets of a cube, (6, 4) corners: one for each monotone path from corner 0 to corner 6.
 
     All faces of the cube are cut along the diagonal from their lowest to their highest corner, so cubes side by side
@@ -30,10 +30,10 @@ def _kuhn_tets() -> NDArray[np.int64]:
         a, b = VTK_CORNER[path[0]], VTK_CORNER[path[0] + path[1]]
         even = path in ((1, 2, 4), (2, 4, 1), (4, 1, 2))
         tets.append((0, a, b, 6) if even else (0, b, a, 6))
-    return np.array(tets)
+    return np.array(tets, dtype=np.int32)
 
 
-CUBE_SPLITS = {"tet4": _kuhn_tets(), "hex8": np.arange(8)[None]}
+CUBE_SPLITS = {"tet4": _kuhn_tets(), "hex8": np.arange(8, dtype=np.int32)[None]}
 
 
 def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str = "tet4") -> Mesh:
@@ -60,7 +60,7 @@ def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str =
     corners = np.argwhere(occupied)[:, None, :] + CUBE_CORNERS
     grid_index = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), shape)
     used, cubes = np.unique(grid_index, return_inverse=True)
-    cells = cubes.reshape(-1, 8)[:, CUBE_SPLITS[cell_type]].reshape(-1, NODES_PER_CELL[cell_type])
+    cells = cubes.astype(np.int32).reshape(-1, 8)[:, CUBE_SPLITS[cell_type]].reshape(-1, NODES_PER_CELL[cell_type])
     vertices = np.stack(np.unravel_index(used, shape), axis=1) * edges
     return Mesh(vertices, cells, cell_type)
 
