@@ -52,7 +52,10 @@ class Mesh:
         if self.cell_type not in NODES_PER_CELL:
             raise MeshError(f"cell type {self.cell_type!r} is not one of {', '.join(NODES_PER_CELL)}")
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        cells = np.ascontiguousarray(self.cells, dtype=np.int32)
+        cells = np.asarray(self.cells)
+        if cells.size and cells.max() > np.iinfo(np.int32).max:
+            raise MeshError(f"a cell refers to vertex {cells.max()}; allowed are 0 … {len(vertices) - 1}")
+        cells = np.ascontiguousarray(cells, dtype=np.int32)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "cells", cells)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:

@@ -1,0 +1,178 @@
+"""Procedural meshes: boxes of voxels, cut into conforming tets or kept as hexes, and mapped to a shape."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldsim.errors import MeshError
+from ldsim.mesh.mesh import NODES_PER_CELL, Mesh
+
+# Corners of a unit cube in VTK's order, and the same corners by their number x + 2y + 4z.
+CUBE_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+VTK_CORNER = {int(corner @ [1, 2, 4]): i for i, corner in enumerate(CUBE_CORNERS)}
+MAX_RESOLUTION = 64
+MAX_VOXELS = 2_000_000
+
+
+def _kuhn_tets() -> NDArray[np.int32]:
+    """The six right-handed tets of a cube, (6, 4) corners: one for each monotone path from corner 0 to corner 6.
+
+    All faces of the cube are cut along the diagonal from their lowest to their highest corner, so cubes side by side
+    fit (Kuhn 1960, "Some combinatorial lemmas in topology").
+    """
+    tets = []
+    for path in itertools.permutations((1, 2, 4)):
+        a, b = VTK_CORNER[path[0]], VTK_CORNER[path[0] + path[1]]
+        even = path in ((1, 2, 4), (2, 4, 1), (4, 1, 2))
+        tets.append((0, a, b, 6) if even else (0, b, a, 6))
+    return np.array(tets, dtype=np.int32)
+
+
+CUBE_SPLITS = {"tet4": _kuhn_tets(), "hex8": np.arange(8, dtype=np.int32)[None]}
+
+
+def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str = "tet4") -> Mesh:
+    """The mesh of the occupied voxels of a grid whose lowest corner is the origin.
+
+    Args:
+        occupied: which voxels are solid, (nx, ny, nz) bool.
+        spacing: edge lengths of a voxel, a number or (3,), metres.
+        cell_type: "tet4" (six a voxel) or "hex8" (one a voxel).
+
+    Raises:
+        MeshError: nothing is occupied, or spacing or cell type are not allowed.
+    """
+    edges = np.broadcast_to(np.asarray(spacing, dtype=np.float64), 3)
+    if cell_type not in NODES_PER_CELL:
+        raise MeshError(f"cell type {cell_type!r} is not one of {', '.join(NODES_PER_CELL)}")
+    if not (np.isfinite(edges).all() and (edges > 0).all()):
+        raise MeshError(f"voxel spacing is {edges.tolist()} m; it must be positive")
+    if occupied.ndim != 3 or not occupied.any():
+        raise MeshError(
+            f"voxels of shape {occupied.shape} have {int(occupied.sum())} occupied; expected 3-d, at least 1"
+        )
+    shape = tuple(size + 1 for size in occupied.shape)
+    corners = np.argwhere(occupied)[:, None, :] + CUBE_CORNERS
+    grid_index = np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), shape)
+    used, cubes = np.unique(grid_index, return_inverse=True)
+    cells = cubes.astype(np.int32).reshape(-1, 8)[:, CUBE_SPLITS[cell_type]].reshape(-1, NODES_PER_CELL[cell_type])
+    vertices = np.stack(np.unravel_index(used, shape), axis=1) * edges
+    return Mesh(vertices, cells, cell_type)
+
+
+def beam(
+    length: float = 0.4, width: float = 0.1, height: float = 0.1, resolution: int = 3, cell_type: str = "tet4"
+) -> Mesh:
+    """A straight beam, [0, length] × [−height/2, height/2] × [−width/2, width/2], metres.
+
+    Args:
+        resolution: voxels across the thinnest side; the others get as many as keep voxels near cubes.
+
+    Raises:
+        MeshError: a size is not positive, or the resolution is out of range.
+    """
+    _check_sizes(length=length, width=width, height=height)
+    _check_resolution(resolution)
+    sides = np.array([length, height, width])
+    counts = np.rint(sides * resolution / sides.min())
+    _check_count(float(counts.prod()))
+    occupied = np.ones(counts.astype(int), dtype=bool)
+    return _shifted(voxel_mesh(occupied, sides / counts, cell_type), [0.0, -height / 2, -width / 2])
+
+
+def cross(
+    width: float = 0.22, height: float = 0.15, depth: float = 0.05, resolution: int = 3, cell_type: str = "tet4"
+) -> Mesh:
+    """An X of two slanted bars that stands on two flat feet, centred at the origin, y up and thin in z, metres.
+
+    A plus sign of voxels in the coordinates (p, q), arms two bars' widths long, is mapped by
+    x = a (p − q), y = b (p (1 − s(|q|)) + q (1 − s(|p|))), where s rises smoothly from 0 at the middle to 1 at an
+    arm's end, which makes the ends horizontal. On the plus the Jacobian is at least 0.86 ab.
+
+    Args:
+        width, height, depth: of the bounding box.
+        resolution: voxels across a bar; 9 resolution³ voxels.
+
+    Raises:
+        MeshError: a size is not positive, or the resolution is out of range.
+    """
+    _check_sizes(width=width, height=height, depth=depth)
+    _check_resolution(resolution)
+    bar = np.repeat([False, True, False], [2 * resolution, resolution, 2 * resolution])
+    plus = np.repeat((bar[:, None] | bar)[:, :, None], resolution, axis=2)
+    _check_count(9.0 * resolution**3)
+    grid = voxel_mesh(plus, np.array([2, 2, 1]) / resolution, cell_type)
+    p, q, layer = grid.vertices.T - np.array([[5], [5], [0.5]])
+    x = width / 12 * (p - q)
+    y = height / 10 * (p * (1 - _rise(np.abs(q))) + q * (1 - _rise(np.abs(p))))
+    return Mesh(np.stack([x, y, depth * layer], axis=1), grid.cells, cell_type)
+
+
+def pendulum(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+    """A square rod that hangs from y = 0 down, with a cubic bob three times as thick at its end, metres.
+
+    Args:
+        length: of rod and bob together; rounded to whole voxels of thickness / resolution.
+        resolution: voxels across the rod.
+
+    Raises:
+        MeshError: a size is not positive, the rod is shorter than its bob, or the resolution is out of range.
+    """
+    return _weighted_rod(length, thickness, resolution, cell_type, both_ends=False)
+
+
+def dumbbell(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+    """A square rod along y, from 0 down, with a cubic bob three times as thick at each end; see `pendulum`."""
+    return _weighted_rod(length, thickness, resolution, cell_type, both_ends=True)
+
+
+SHAPES: dict[str, Callable[..., Mesh]] = {"beam": beam, "cross": cross, "dumbbell": dumbbell, "pendulum": pendulum}
+
+
+def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: str, both_ends: bool) -> Mesh:
+    _check_sizes(length=length, thickness=thickness)
+    _check_resolution(resolution)
+    bob = 3 * resolution
+    long = length * resolution / thickness
+    _check_count(bob**2 * long)
+    count = round(long)
+    if count <= bob * (1 + both_ends):
+        raise MeshError(f"length is {length:g} m; with thickness {thickness:g} m the bobs alone take as much or more")
+    occupied = np.zeros((bob, count, bob), dtype=bool)
+    occupied[resolution:-resolution, :, resolution:-resolution] = True
+    occupied[:, :bob] = True
+    if both_ends:
+        occupied[:, -bob:] = True
+    spacing = thickness / resolution
+    return _shifted(voxel_mesh(occupied, spacing, cell_type), [-1.5 * thickness, -count * spacing, -1.5 * thickness])
+
+
+def _rise(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """0 up to 1, then the cubic smooth step to 1 at 5."""
+    t = np.clip((distance - 1) / 4, 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def _shifted(mesh: Mesh, offset: list[float]) -> Mesh:
+    return Mesh(mesh.vertices + offset, mesh.cells, mesh.cell_type)
+
+
+def _check_sizes(**sizes: float) -> None:
+    for name, size in sizes.items():
+        if not (math.isfinite(size) and size > 0):
+            raise MeshError(f"{name} is {size} m; it must be positive")
+
+
+def _check_resolution(resolution: int) -> None:
+    if resolution != int(resolution) or not 1 <= resolution <= MAX_RESOLUTION:
+        raise MeshError(f"resolution is {resolution}; it must be a whole number from 1 to {MAX_RESOLUTION}")
+
+
+def _check_count(voxels: float) -> None:
+    if voxels > MAX_VOXELS:
+        raise MeshError(f"the shape needs {voxels:.3g} voxels; allowed are {MAX_VOXELS}: lower the resolution")

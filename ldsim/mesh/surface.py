@@ -1,0 +1,40 @@
+"""The boundary of a volume mesh, for drawing and for picking."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mesh.mesh import Mesh
+
+# Faces of a right-handed cell, counter-clockwise seen from outside.
+CELL_FACES = {
+    "tet4": np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
+    "hex8": np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]),
+}
+
+
+def boundary_faces(mesh: Mesh) -> NDArray[np.int32]:
+    """Faces that belong to one cell only, (f, 3) for tet4 or (f, 4) for hex8, int32, outward for right-handed cells."""
+    faces = mesh.cells[:, CELL_FACES[mesh.cell_type]].reshape(-1, CELL_FACES[mesh.cell_type].shape[1])
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort(corners.T)
+    same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
+    shared = np.zeros(len(faces), dtype=bool)
+    shared[order[1:]] |= same
+    shared[order[:-1]] |= same
+    boundary: NDArray[np.int32] = faces[~shared]
+    return boundary
+
+
+def surface_triangles(mesh: Mesh) -> NDArray[np.int32]:
+    """The boundary as triangles, (t, 3) int32 vertex indices, outward for right-handed cells; quads are cut in two."""
+    faces = boundary_faces(mesh)
+    if faces.shape[1] == 3:
+        return faces
+    return np.ascontiguousarray(faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3))
+
+
+def surface_vertices(mesh: Mesh) -> NDArray[np.int32]:
+    """The vertices on the boundary, (v,) int32, ascending."""
+    return np.unique(boundary_faces(mesh))

@@ -1,0 +1,131 @@
+"""Mesh files: one round trip for every format, one table of bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from ldsim.errors import MeshError
+from ldsim.mesh.formats import read_mesh, write_mesh
+from ldsim.mesh.shapes import beam, cross
+
+EXTENSIONS = [".mesh", ".vtk", ".vtu", ".msh", ".inp"]
+TET = np.array([[0, 1, 2, 3]])
+POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [2, 1, 1], [1, 2, 1], [1, 1, 2]])
+
+
+def medit(points: np.ndarray, cells: list[tuple[str, np.ndarray]]) -> Callable[[Path], Path]:
+    """A maker of a file bad.mesh in a directory."""
+
+    def make(folder: Path) -> Path:
+        meshio.Mesh(points, cells).write(folder / "bad.mesh")
+        return folder / "bad.mesh"
+
+    return make
+
+
+def text(name: str, content: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        (folder / name).write_text(content)
+        return folder / name
+
+    return make
+
+
+def truncated(extension: str, share: float) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        path = folder / f"cut{extension}"
+        write_mesh(path, beam(resolution=1))
+        whole = path.read_bytes()
+        path.write_bytes(whole[: int(share * len(whole))])
+        return path
+
+    return make
+
+
+def directory(folder: Path) -> Path:
+    (folder / "d.mesh").mkdir()
+    return folder / "d.mesh"
+
+
+BAD_FILES = {
+    "missing": (lambda folder: folder / "none.mesh", "does not exist"),
+    "directory": (directory, "is a directory"),
+    "empty": (text("empty.mesh", ""), "is empty"),
+    "unknown extension": (text("mesh.docx", "x"), r"unknown extension '\.docx'; allowed are \.mesh"),
+    "no extension": (text("mesh", "x"), "unknown extension ''"),
+    "foreign .mesh": (text("foreign.mesh", "not a mesh at all\n"), "is not a readable .mesh file"),
+    "foreign .vtk": (text("foreign.vtk", "not a mesh at all\n"), "is not a readable .vtk file"),
+    "foreign .vtu": (text("foreign.vtu", "<not><xml>"), "is not a readable .vtu file"),
+    "foreign .msh": (text("foreign.msh", "not a mesh at all\n"), "foreign.msh"),
+    "truncated .mesh": (truncated(".mesh", 0.3), "cut.mesh"),
+    "truncated .vtk": (truncated(".vtk", 0.5), "cut.vtk"),
+    "truncated .vtu": (truncated(".vtu", 0.5), "cut.vtu"),
+    "truncated .msh": (truncated(".msh", 0.5), "cut.msh"),
+    "truncated .inp": (truncated(".inp", 0.2), "cut.inp"),
+    "surface only": (medit(POINTS, [("triangle", TET[:, :3])]), "no tetrahedra or hexahedra but 1 triangle"),
+    "two volume types": (medit(POINTS, [("tetra", TET), ("hexahedron", np.arange(8)[None])]), "mixes volume cells"),
+    "wedges": (medit(POINTS, [("wedge", np.arange(6)[None])]), "holds 1 wedge; allowed .* tetra, hexahedron"),
+    "not a number": (medit(np.where(POINTS == 2, np.nan, POINTS), [("tetra", TET)]), "vertex 5 has coordinates"),
+    "index too large": (medit(POINTS, [("tetra", TET + 6)]), "cell 0 refers to vertices"),
+}
+
+
+@pytest.mark.parametrize("make, message", BAD_FILES.values(), ids=BAD_FILES.keys())
+def test_a_bad_file_is_refused_in_one_line_that_names_it(
+    make: Callable[[Path], Path], message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = make(tmp_path)
+    with pytest.raises(MeshError, match=message) as refusal:
+        read_mesh(path)
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_scale_that_is_no_positive_number_is_refused(scale: float, tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="scale is"):
+        read_mesh(tmp_path / "any.mesh", scale)
+
+
+@pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_every_format_returns_the_mesh_that_was_written(extension: str, cell_type: str, tmp_path: Path) -> None:
+    mesh = cross(resolution=1, cell_type=cell_type)
+    write_mesh(tmp_path / f"mesh{extension}", mesh)
+    back = read_mesh(tmp_path / f"mesh{extension}")
+    assert back.mesh.cell_type == cell_type
+    np.testing.assert_array_equal(back.mesh.cells, mesh.cells)
+    np.testing.assert_allclose(back.mesh.vertices, mesh.vertices, rtol=0, atol=1e-15)
+    assert back.dropped_vertices == 0
+
+
+def test_the_scale_multiplies_the_coordinates(tmp_path: Path) -> None:
+    mesh = beam(resolution=1)
+    write_mesh(tmp_path / "mesh.vtu", mesh)
+    np.testing.assert_allclose(read_mesh(tmp_path / "mesh.vtu", 1e-3).mesh.vertices, mesh.vertices * 1e-3, rtol=1e-15)
+
+
+def test_unused_vertices_are_dropped_and_counted(tmp_path: Path) -> None:
+    back = read_mesh(medit(POINTS, [("tetra", TET + 4)])(tmp_path))
+    assert back.dropped_vertices == 4
+    np.testing.assert_array_equal(back.mesh.vertices, POINTS[4:])
+    np.testing.assert_array_equal(back.mesh.cells, TET)
+
+
+def test_several_blocks_of_one_type_are_joined_and_surface_cells_ignored(tmp_path: Path) -> None:
+    cells = [("tetra", TET), ("triangle", TET[:, :3]), ("tetra", TET + 4)]
+    meshio.Mesh(POINTS, cells).write(tmp_path / "blocks.vtu")
+    np.testing.assert_array_equal(read_mesh(tmp_path / "blocks.vtu").mesh.cells, [[0, 1, 2, 3], [4, 5, 6, 7]])
+
+
+def test_an_extension_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="unknown extension '.docx'"):
+        write_mesh(tmp_path / "mesh.docx", beam(resolution=1))
+    with pytest.raises(MeshError, match="cannot be written"):
+        write_mesh(tmp_path / "nowhere" / "mesh.vtk", beam(resolution=1))
