@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +87,7 @@ def latent_problem(scene: Scene, r: int, k: int, count: int, seed: int = 0) -> P
     linear = linear_problem(scene, k, count, seed)
     sizes = [r, 16, k]
     q = linear.z.std(axis=0)
-    weights = [rng.standard_normal((a, b)) / np.sqrt(a) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
+    weights = [rng.standard_normal((a, b)) / np.sqrt(a) for a, b in pairwise(sizes)]
     weights[-1] *= 0.5 * q
     skip = np.zeros((k, r))
     skip[:r] = np.diag(q[:r])
