@@ -34,7 +34,8 @@ class System:
     def volume_row(self) -> Array:
         """(s,) float64."""
         weights = self.forces.point_weights
-        return self.volume_weight * self.force_norm * weights / weights.sum()
+        row: Array = self.volume_weight * self.force_norm * weights / weights.sum()
+        return row
 
     @cached_property
     def target(self) -> Array:
@@ -47,7 +48,8 @@ class System:
 
     def correlations(self, residual: Array) -> Array:
         """Every column times a residual (T r + 1,); returns (s,) float64."""
-        return self.forces.correlations(residual[:-1]) + residual[-1] * self.volume_row
+        correlations: Array = self.forces.correlations(residual[:-1]) + residual[-1] * self.volume_row
+        return correlations
 
     def error(self, residual: Array) -> float:
         """Relative error of the forces alone."""

@@ -26,8 +26,9 @@ Progress = Callable[[int, float], None]
 
 SMALLEST_STEP = 4
 GROWTH = 0.04
-EXCHANGE = 0.1
-EXCHANGES = 20
+# Shares of the points exchanged at once, the next one tried when one no longer helps, and how often in all.
+EXCHANGE_SHARES = (0.1, 0.2, 0.4)
+EXCHANGES = 40
 # Points whose columns a pass computes, for each that it will add: more and the passes are fewer, not the points.
 COMPANY = 10
 LEAST_GAIN = 1e-3
@@ -44,7 +45,7 @@ class CubatureSet:
         training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
 
     Raises:
-        SolverError: on shapes that differ or a weight that is not positive and finite.
+        SolverError: on shapes that differ, a point given twice, or a weight that is not positive and finite.
     """
 
     points: Indices
@@ -57,6 +58,8 @@ class CubatureSet:
                 f"cubature set has points of shape {self.points.shape} and weights of shape {self.weights.shape}; "
                 "both must be (c,)"
             )
+        if len(np.unique(self.points)) < len(self.points):
+            raise SolverError("cubature set has a point twice; give each one weight")
         if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):
             raise SolverError(f"cubature weight is {self.weights.min():g} m³; all must be positive and finite")
 
@@ -80,7 +83,7 @@ def fit(
     forces: ProjectedForces,
     tolerance: float,
     max_points: int,
-    volume_weight: float = 0.1,
+    volume_weight: float = 0.3,
     progress: Progress | None = None,
 ) -> CubatureFit:
     """The smallest cubature set found whose relative error is at most `tolerance`.
@@ -99,13 +102,18 @@ def fit(
     ladder = _Ladder(progress)
     start = Candidates.none(System(forces, volume_weight))
     grown = _grow(start, tolerance, max_points, ladder)
-    refined = _exchange(_thin(grown, tolerance, ladder), tolerance, max_points, ladder)
+    refined = _exchange(_thin(grown, tolerance, ladder), tolerance, ladder)
     _shrink(refined, 1, ladder)
     return ladder.result(tolerance)
 
 
 def relative_error(forces: ProjectedForces, cubature: CubatureSet) -> float:
     """‖Σ w b − target‖ / ‖target‖ over the normalised poses of `forces`, whether trained on or not."""
+    if len(cubature.points) and not (cubature.points.min() >= 0 and cubature.points.max() < forces.n_points):
+        raise SolverError(
+            f"cubature set has points {cubature.points.min()} … {cubature.points.max()}, the scene has "
+            f"{forces.n_points}; use the scene it was fitted on"
+        )
     multipliers = cubature.weights / forces.point_weights[cubature.points]
     residual = forces.target.copy()
     for first in range(0, len(multipliers), POINTS_AT_ONCE):
@@ -149,7 +157,7 @@ def _grow(state: Candidates, tolerance: float, max_points: int, ladder: _Ladder)
     while state.error > tolerance and state.size < max_points:
         step = min(max(SMALLEST_STEP, math.ceil(GROWTH * state.size)), max_points - state.size)
         grown = _add(state, step, tolerance, ladder)
-        if grown.error >= state.error * (1 - 1e-9):
+        if not np.linalg.norm(grown.residual) < np.linalg.norm(state.residual):
             break
         state = grown
     return state
@@ -190,15 +198,19 @@ def _shrink(state: Candidates, size: int, ladder: _Ladder | None) -> Candidates:
     return state
 
 
-def _exchange(state: Candidates, tolerance: float, max_points: int, ladder: _Ladder) -> Candidates:
+def _exchange(state: Candidates, tolerance: float, ladder: _Ladder) -> Candidates:
     """Adds some points and takes as many out, while that lowers the error, thinning wherever the tolerance allows."""
+    shares = list(EXCHANGE_SHARES)
     for _ in range(EXCHANGES):
-        step = max(SMALLEST_STEP, math.ceil(EXCHANGE * state.size))
+        step = max(SMALLEST_STEP, math.ceil(shares[0] * state.size))
         other = _shrink(_add(state, step, 0.0, None), state.size, None)
-        if other.error >= state.error * (1 - LEAST_GAIN):
+        if other.error < state.error * (1 - LEAST_GAIN):
+            ladder.record(other)
+            state = _thin(other, tolerance, ladder)
+            continue
+        shares.pop(0)
+        if not shares:
             break
-        ladder.record(other)
-        state = _thin(other, tolerance, ladder)
     return state
 
 

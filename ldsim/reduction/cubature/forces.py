@@ -7,7 +7,7 @@ Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import Elements, add_elastic_gradient, point_stresses
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.kernels import add_point_powers
+from ldsim.reduction.cubature.poses import DecodedPoses, Poses, TruePoses
 from ldsim.reduction.decoder import Decoder
 
 Array = NDArray[np.float64]
@@ -24,6 +25,8 @@ Indices = NDArray[np.int64]
 
 POSES_AT_ONCE = 16
 POINTS_AT_ONCE = 64
+# Forces below this share of those at a strain of one are rounding errors.
+ROUNDING = 1e-13
 
 
 class ProjectedForces:
@@ -60,20 +63,22 @@ class ProjectedForces:
         self._U = np.ascontiguousarray(U, dtype=np.float64)
         z = np.ascontiguousarray(z, dtype=np.float64)
         _check_shapes(scene, self._U, decoder, z, floor)
-        self._displacement = displacement
-        self._poses = np.arange(len(z))
-        self._q = decoder(z)
-        forces, finite = self._total_forces()
+        self._poses: Poses = (
+            DecodedPoses(self._U, decoder(z))
+            if displacement is None
+            else TruePoses(displacement, scene.mesh.n_vertices)
+        )
+        forces, finite = self._total_forces(len(z))
         self.dropped = int((~finite).sum())
         if not finite.any():
             raise SolverError(
                 f"cubature: all {len(z)} poses have infinite energy (inverted points); give poses without inversion or "
                 "use a material that allows it"
             )
-        self._poses, self._q = self._poses[finite], self._q[finite]
+        self._kept = np.flatnonzero(finite)
         self._jacobians = np.stack([decoder.jacobian(row) for row in z[finite]])
         reduced = np.einsum("tkr,tk->tr", self._jacobians, forces[finite])
-        self._scales = _pose_scales(np.linalg.norm(reduced, axis=1), floor)
+        self._scales = _pose_scales(np.linalg.norm(reduced, axis=1), floor, ROUNDING * _unit_force(self._elements))
         self.target: Array = (reduced / self._scales[:, None]).ravel()
         self._memory = memory
 
@@ -84,7 +89,7 @@ class ProjectedForces:
     @property
     def n_poses(self) -> int:
         """The poses of finite energy, T."""
-        return len(self._poses)
+        return len(self._kept)
 
     @property
     def point_weights(self) -> Array:
@@ -96,9 +101,9 @@ class ProjectedForces:
         elements, vertices = _part(self._elements, np.asarray(points, dtype=np.int64))
         rows = np.ascontiguousarray(self._U.reshape(-1, 3, self._U.shape[1])[vertices])
         stresses = np.empty((self.n_poses, len(elements.weights), 9))
-        for t in range(self.n_poses):
-            u = rows @ self._q[t] if self._displacement is None else self._true_pose(t)[vertices]
-            point_stresses(elements, u, stresses[t])
+        part_of_pose = self._poses.at(vertices)
+        for t, pose in enumerate(self._kept):
+            point_stresses(elements, part_of_pose(int(pose)), stresses[t])
         columns = np.empty((*self._jacobians.shape[::2], len(elements.weights)))
         for first in range(0, len(elements.weights), POINTS_AT_ONCE):
             chunk = slice(first, first + POINTS_AT_ONCE)
@@ -112,24 +117,24 @@ class ProjectedForces:
         y = np.einsum("tkr,tr->tk", self._jacobians, rho)
         powers = np.zeros(self.n_points)
         stresses = np.empty((self.n_points, 9))
-        kept = self._kept_stresses
+        stored = self._stored_stresses
         for first in range(0, self.n_poses, POSES_AT_ONCE):
-            fields = self._fields(y[first : first + POSES_AT_ONCE])
-            for t, field in enumerate(fields, start=first):
-                if t < len(kept):
-                    add_point_powers(self._elements, kept[t], field, powers)
+            fields = y[first : first + POSES_AT_ONCE] @ self._U.T
+            for t, field in enumerate(fields.reshape(len(fields), -1, 3), start=first):
+                if t < len(stored):
+                    add_point_powers(self._elements, stored[t], field, powers)
                 else:
-                    point_stresses(self._elements, self._pose(t), stresses)
+                    point_stresses(self._elements, self._poses.whole(int(self._kept[t])), stresses)
                     add_point_powers(self._elements, stresses, field, powers)
         return powers
 
     @cached_property
-    def _kept_stresses(self) -> NDArray[np.float32]:
+    def _stored_stresses(self) -> NDArray[np.float32]:
         """Stresses of the first poses, as many as memory allows, (≤ T, s, 9) float32, Pa."""
         count = min(self.n_poses, self._memory // (self.n_points * 9 * 4))
         stresses = np.empty((count, self.n_points, 9), dtype=np.float32)
-        for t, u in zip(range(count), self._all_poses(), strict=False):
-            point_stresses(self._elements, u, stresses[t])
+        for t, pose in enumerate(self._kept[:count]):
+            point_stresses(self._elements, self._poses.whole(int(pose)), stresses[t])
         return stresses
 
     def _projected(self, rows: Array, elements: Elements, stresses: Array, chunk: slice) -> Array:
@@ -138,33 +143,19 @@ class ProjectedForces:
         G = np.einsum("caik,caj->ckij", rows[elements.nodes[chunk]], gradients)
         G = G.reshape(*G.shape[:2], 9)
         outer = G @ stresses[:, chunk].transpose(1, 2, 0)
-        return self._jacobians.transpose(0, 2, 1) @ outer.transpose(2, 1, 0)
+        projected: Array = self._jacobians.transpose(0, 2, 1) @ outer.transpose(2, 1, 0)
+        return projected
 
-    def _total_forces(self) -> tuple[Array, NDArray[np.bool_]]:
+    def _total_forces(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
         """Uᵀ f of every pose, (T, k), N, and which poses have finite energy, (T,)."""
-        forces = np.zeros((len(self._poses), self._U.shape[1]))
-        finite = np.zeros(len(self._poses), dtype=bool)
+        forces = np.zeros((count, self._U.shape[1]))
+        finite = np.zeros(count, dtype=bool)
         gradient = np.empty((len(self._U) // 3, 3))
-        for t, u in enumerate(self._all_poses()):
+        for t in range(count):
             gradient[:] = 0.0
-            finite[t] = np.isfinite(add_elastic_gradient(self._elements, u, gradient))
+            finite[t] = np.isfinite(add_elastic_gradient(self._elements, self._poses.whole(t), gradient))
             forces[t] = gradient.ravel() @ self._U
         return forces, finite & np.isfinite(forces).all(axis=1)
-
-    def _fields(self, coefficients: Array) -> Array:
-        """U c for a batch of outer coordinates (B, k); (B, n, 3)."""
-        return (coefficients @ self._U.T).reshape(len(coefficients), -1, 3)
-
-    def _true_pose(self, t: int) -> Array:
-        assert self._displacement is not None
-        return np.ascontiguousarray(self._displacement(int(self._poses[t])), dtype=np.float64)
-
-    def _pose(self, t: int) -> Array:
-        return self._fields(self._q[t : t + 1])[0] if self._displacement is None else self._true_pose(t)
-
-    def _all_poses(self) -> Iterator[Array]:
-        for t in range(len(self._poses)):
-            yield self._pose(t)
 
 
 def _part(elements: Elements, points: Indices) -> tuple[Elements, Indices]:
@@ -181,12 +172,18 @@ def _part(elements: Elements, points: Indices) -> tuple[Elements, Indices]:
     return part, vertices.astype(np.int64)
 
 
-def _pose_scales(norms: Array, floor: float) -> Array:
-    """max(‖f_t‖, floor · median ‖f‖), N; never zero."""
-    if not norms.max() > 0:
+def _unit_force(elements: Elements) -> float:
+    """Norm of the vertex forces Σ_s w_s (2μ + λ) ‖∇N‖ of a strain of one, N."""
+    stress = elements.weights * (2 * elements.mu + elements.lam)
+    shares = stress[:, None] * np.linalg.norm(elements.gradients, axis=2)
+    return float(np.linalg.norm(np.bincount(elements.nodes.ravel(), shares.ravel())))
+
+
+def _pose_scales(norms: Array, floor: float, rounding: float) -> Array:
+    """max(‖f_t‖, floor · median ‖f‖), N; never zero, for rest poses hold rounding errors alone."""
+    if not norms.max() > rounding:
         raise SolverError(f"cubature: the elastic force of all {len(norms)} poses is zero; give poses away from rest")
-    scales = np.maximum(norms, floor * np.median(norms))
-    return np.where(scales > 0, scales, norms.max())
+    return np.maximum(norms, max(floor * float(np.median(norms)), rounding))
 
 
 def _check_shapes(scene: Scene, U: Array, decoder: Decoder, z: Array, floor: float) -> None:
