@@ -1,0 +1,82 @@
+"""A camera that looks at a solid: turn the world into screen coordinates, project, frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera on a sphere around a point. The world's y axis points up on the screen.
+
+    Attributes:
+        azimuth: degrees about y; 0 looks along −z from the front, 90 along −x from the right.
+        elevation: degrees above the horizontal plane.
+        centre: the point looked at, metres.
+        distance: of the eye from the centre, metres; None for parallel (orthographic) projection.
+    """
+
+    azimuth: float = 30.0
+    elevation: float = 18.0
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    distance: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.distance is not None and self.distance <= 0:
+            raise ValueError(f"the eye's distance is {self.distance} m; it must be positive, or None for parallel")
+
+
+def look_at(
+    positions: Array, azimuth: float = 30.0, elevation: float = 18.0, distance_in_diagonals: float | None = 4.0
+) -> View:
+    """A view of all positions (..., 3), metres, from so many diagonals of their bounding box; None for parallel."""
+    points = positions.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = (float(c) for c in (low + high) / 2)
+    diagonal = float(np.linalg.norm(high - low))
+    distance = None if distance_in_diagonals is None else max(distance_in_diagonals * diagonal, 1e-9)
+    return View(azimuth, elevation, (x, y, z), distance)
+
+
+def screen_positions(view: View, positions: Array) -> Array:
+    """Positions (..., 3) in the camera's axes: right, up, and out of the screen towards the eye; metres."""
+    a, e = np.radians(view.azimuth), np.radians(view.elevation)
+    right = np.array([np.cos(a), 0.0, -np.sin(a)])
+    out = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    axes = np.stack([right, np.cross(out, right), out])
+    turned: Array = (np.asarray(positions, dtype=np.float64) - np.asarray(view.centre)) @ axes.T
+    return turned
+
+
+def depths(view: View, screen: Array) -> Array:
+    """Distance (...) of screen positions (..., 3) from the eye; for a parallel view from the centre's plane."""
+    if view.distance is None:
+        return -screen[..., 2]
+    eye = np.array([0.0, 0.0, view.distance])
+    distance: Array = np.linalg.norm(screen - eye, axis=-1)
+    return distance
+
+
+def project(view: View, screen: Array) -> Array:
+    """Screen positions (..., 3) on the plane through the centre, (..., 2), metres.
+
+    What is behind the eye is put just in front of it: a run that blew up gives an ugly picture, not a crash.
+    """
+    if view.distance is None:
+        return screen[..., :2]
+    towards = np.minimum(screen[..., 2:] / view.distance, 0.99)
+    flat: Array = screen[..., :2] / (1 - towards)
+    return flat
+
+
+def limits_of(view: View, positions: Array, margin: float = 0.03) -> Array:
+    """(left, right, bottom, top) of what `view` sees of all positions (..., 3), metres, and a margin around it."""
+    flat = project(view, screen_positions(view, positions)).reshape(-1, 2)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    rim = margin * max(float((high - low).max()), 1e-9)
+    return np.array([low[0] - rim, high[0] + rim, low[1] - rim, high[1] + rim])
