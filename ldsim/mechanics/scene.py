@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.mass import mass_matrix
+from ldsim.mechanics.materials import MATERIALS, lame_parameters
 from ldsim.mechanics.quadrature import Quadrature, quadrature
 from ldsim.mesh.mesh import Mesh, components
 
@@ -95,3 +96,29 @@ class Scene:
     def free(self) -> NDArray[np.int64]:
         """The vertices that move, (f,) int64."""
         return np.flatnonzero(~self.pinned)
+
+
+def uniform_scene(
+    mesh: Mesh,
+    pinned: NDArray[np.bool_],
+    *,
+    material: str = "neo_hookean",
+    youngs_modulus: float = 1e5,
+    poisson_ratio: float = 0.47,
+    density: float = 1000.0,
+    gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
+    time_step: float = 0.005,
+) -> Scene:
+    """A scene of one material throughout; moduli in Pa, density in kg/m³, gravity in m/s², time step in s."""
+    mu, lam = lame_parameters(youngs_modulus, poisson_ratio)
+    m = mesh.n_cells
+    return Scene(
+        mesh,
+        np.full(m, MATERIALS[material], dtype=np.int8),
+        np.full(m, mu),
+        np.full(m, lam),
+        np.full(m, density),
+        pinned,
+        np.array(gravity, dtype=np.float64),
+        time_step,
+    )

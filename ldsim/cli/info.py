@@ -1,0 +1,28 @@
+"""`ldsim info`: print an artefact's header and contents."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ldsim.artefacts.store import dataset_names, read_header, reading
+
+
+@click.command("info", help="Print an artefact's header and contents.")
+@click.argument("file", type=click.Path(path_type=Path))
+def command(file: Path) -> None:
+    with reading(file) as artefact:
+        header = read_header(artefact)
+        click.echo(f"{file}: {header.kind}, written by ldsim {header.ldsim_version} on {header.created}")
+        for name, value in header.notes.items():
+            click.echo(f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}")
+        for name, digest in header.inputs.items():
+            click.echo(f"  made from {name}: SHA-256 {digest}")
+        click.echo("settings:")
+        click.echo("".join(f"  {line}\n" for line in header.settings.splitlines()), nl=False)
+        click.echo("datasets:")
+        for name in dataset_names(artefact):
+            dataset = artefact[name]
+            shape = " × ".join(str(size) for size in dataset.shape) or "scalar"
+            click.echo(f"  {name}  {shape}  {dataset.dtype}")

@@ -1,0 +1,57 @@
+"""The command `ldsim`; each subcommand's module is imported when it is called, so that help is instant."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from ldsim import __version__
+from ldsim.errors import LdsimError
+
+COMMANDS = {
+    "mesh": "Read or make the mesh and write the scene.",
+    "snapshot": "Run the motions in the full space.",
+    "pca": "Find the linear basis.",
+    "train": "Train the autoencoder.",
+    "cubature": "Choose the cubature points.",
+    "simulate": "Run the motions in the reduced spaces and compare.",
+    "report": "Write report.json, report.html and figures.",
+    "info": "Print an artefact's header and contents.",
+    "settings": "Check a configuration and print it with defaults.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported by name, and whose errors are one line."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"ldsim.cli.{name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except LdsimError as error:
+            click.echo(f"error: {' '.join(str(error).split())}", err=True)
+            sys.exit(1)
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="The stages run in the order listed; `make` runs what is missing or stale.",
+)
+@click.version_option(__version__, "--version", prog_name="ldsim")
+def main() -> None:
+    """Turn an elastic solid and examples of how it deforms into a model of about ten numbers."""

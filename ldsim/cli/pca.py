@@ -1,0 +1,31 @@
+"""`ldsim pca`: find the linear basis."""
+
+from __future__ import annotations
+
+from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.reduction.pca import errors_against_k, fit_basis, inner_product
+
+
+@stage_command("pca", "Find the linear basis by the max-vertex-error rule or for a given k.")
+def command(run: Run) -> None:
+    settings = run.settings.pca
+    scene, _ = read_scene(run.path("scene"))
+    metric = inner_product(scene.mass, settings.inner_product)
+    with Snapshots(run.path("snapshots")) as snapshots, progress_bar(2, "pca", "pass") as bar:
+        run.check("snapshots", snapshots.header, "scene")
+        train, heldout = snapshots.with_role("train"), snapshots.with_role("heldout")
+        basis = fit_basis(
+            lambda: snapshots.chunks(train), metric, settings.k, settings.tolerance_mm / 1e3, settings.max_k
+        )
+        bar.update()
+        errors = errors_against_k(lambda: snapshots.chunks(heldout), metric, basis.U) if heldout else (None, None)
+        bar.update()
+    header = run.header("basis", "pca", ("scene", "snapshots"))
+    write_basis(run.path("basis"), header, StoredBasis(basis, *errors))
+    run.done(
+        "basis",
+        f"k = {basis.k}, vertex error of the training frames {1e3 * basis.max_error[-1]:.3g} mm at most, "
+        f"{1e3 * basis.mean_error[-1]:.2g} mm on average",
+    )

@@ -1,0 +1,29 @@
+"""`ldsim settings`: check a configuration, print it with defaults, or keep the stamps that make compares."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ldsim.settings import STAGES, dump, load_settings, stamp
+
+
+@click.command("settings", help="Check a configuration and print it with defaults.")
+@click.argument("config", type=click.Path(path_type=Path))
+@click.option(
+    "--stamps",
+    type=click.Path(path_type=Path),
+    help="Instead, write one file a stage with all it depends on, touching only those that changed (for make).",
+)
+def command(config: Path, stamps: Path | None) -> None:
+    settings = load_settings(config)
+    if stamps is None:
+        click.echo(dump(settings), nl=False)
+        return
+    texts = {stage: stamp(settings, stage, config) for stage in STAGES}
+    stamps.mkdir(parents=True, exist_ok=True)
+    for stage, text in texts.items():
+        path = stamps / f"{stage}.yaml"
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
