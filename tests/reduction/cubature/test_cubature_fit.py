@@ -87,6 +87,13 @@ def test_the_ladder_climbs_to_the_best_set_with_positive_weights_and_true_errors
         assert rung.training_error == pytest.approx(relative_error(forces_of(name), rung), abs=1e-10)
 
 
+@pytest.mark.parametrize("tolerance", [0.4, 0.2, 0.15, 0.1, 0.07, 0.03])
+def test_the_best_set_is_the_smallest_of_the_ladder_that_meets_the_tolerance(name: str, tolerance: float) -> None:
+    found = fit(forces_of(name), tolerance, max_points=100)
+    assert found.best.training_error <= tolerance
+    assert all(rung.training_error > tolerance for rung in found.ladder[:-1])
+
+
 def test_scipys_nnls_finds_the_same_weights_on_the_points_chosen(name: str) -> None:
     forces, best = forces_of(name), fitted(name, 0.0).best
     multipliers, residual = nnls(forces.columns(best.points), forces.target)
@@ -117,7 +124,7 @@ def test_an_exact_small_set_is_found_where_all_points_are_copies_of_a_few() -> N
     assert sorted(origin[found.best.points]) == list(range(7))
 
 
-def test_exchanges_undo_a_greedy_choice_that_a_pair_makes_superfluous() -> None:
+def test_a_greedy_choice_that_a_pair_makes_superfluous_is_taken_out_again() -> None:
     # Columns 0 and 1 sum to the target; column 2 points closest to it and so is chosen first.
     a, b, noise = np.eye(3)
     first = (a + b) / np.sqrt(2) + 0.3 * noise
@@ -127,6 +134,14 @@ def test_exchanges_undo_a_greedy_choice_that_a_pair_makes_superfluous() -> None:
     assert found.ladder[0].points.tolist() == [2]
     assert found.best.points.tolist() == [0, 1]
     assert np.allclose(found.best.weights, 1.0)
+
+
+def test_exchanges_lower_the_error_of_as_many_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    exchanged = fit(forces_of("linear tet4"), 1e-4, max_points=12)
+    monkeypatch.setattr("ldsim.reduction.cubature.fit.EXCHANGES", 0)
+    greedy = fit(forces_of("linear tet4"), 1e-4, max_points=12)
+    assert len(greedy.best.points) == len(exchanged.best.points) == 12
+    assert exchanged.best.training_error < 0.95 * greedy.best.training_error
 
 
 @pytest.mark.parametrize("limit", [1, 5])

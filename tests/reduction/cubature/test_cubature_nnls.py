@@ -9,9 +9,9 @@ from scipy.optimize import nnls
 from ldsim.reduction.cubature.nnls import losses_without, solve_on_support
 
 
-def unit_columns(seed: int, rows: int = 40, columns: int = 12) -> tuple[np.ndarray, np.ndarray]:
+def unit_columns(seed: int, rows: int = 40, columns: int = 12, mean: float = 0.8) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    A = rng.standard_normal((rows, columns)) + 0.8
+    A = rng.standard_normal((rows, columns)) + mean
     return A / np.linalg.norm(A, axis=0), rng.standard_normal(rows) + 0.3
 
 
@@ -29,6 +29,19 @@ def test_adding_the_steepest_variable_until_none_is_left_ends_at_scipys_solution
     expected = nnls(A, b)[0]
     assert 0 < (expected > 0).sum() < len(expected)
     assert np.allclose(x, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_from_any_start_the_objective_never_rises_and_the_rest_is_solved(seed: int) -> None:
+    A, b = unit_columns(seed, rows=14, mean=3.0)
+    b += 1.0
+    start = nnls(A, b + 0.5 * np.random.default_rng(seed).standard_normal(len(b)))[0] + 1e-3
+    x = solve_on_support(A.T @ A, A.T @ b, start, start > 0)
+    left = x > 0
+    assert (x >= 0).all()
+    assert 0 < left.sum() < len(x)
+    assert np.allclose((A.T @ (b - A @ x))[left], 0.0, atol=1e-9)
+    assert np.linalg.norm(b - A @ x) <= np.linalg.norm(b - A @ start)
 
 
 def test_equal_columns_share_their_weight() -> None:
