@@ -217,9 +217,7 @@ def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Fi
     figure.patch.set_alpha(0.0)
     rows = (height - title - foot) / height
     gap = 0.02 / count
-    return figure, [
-        figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)
-    ]
+    return figure, [figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)]
 
 
 def _colour_bar(figure: Figure, norm: Normalize) -> None:
@@ -227,7 +225,7 @@ def _colour_bar(figure: Figure, norm: Normalize) -> None:
     height = figure.get_size_inches()[1]
     ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
     bar = figure.colorbar(ScalarMappable(norm, DISTANCE_COLOURS), cax=ax, orientation="horizontal")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=8, labelpad=1)
     ax.tick_params(colors=TEXT_GREY, labelsize=8, length=2, pad=1)
 
@@ -235,7 +233,8 @@ def _colour_bar(figure: Figure, norm: Normalize) -> None:
 def _rasterised(figure: Figure) -> Image.Image:
     """The figure's pixels, drawn large without antialiasing and then made small, so that no seams show."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    large = Image.fromarray(np.asarray(canvas.buffer_rgba()).copy())
+    canvas.draw()  # type: ignore[no-untyped-call]
+    pixels = np.array(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    large = Image.fromarray(pixels)
     size = (large.width // OVERSAMPLING, large.height // OVERSAMPLING)
     return large.resize(size, Image.Resampling.LANCZOS)

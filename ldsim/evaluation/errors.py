@@ -53,8 +53,11 @@ def vertex_distances(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArra
     """
     if a.shape != b.shape or a.ndim != 3 or a.shape[2] != 3:
         raise ValueError(f"poses have shapes {a.shape} and {b.shape}; expected twice the same (N, n, 3)")
-    distances = np.linalg.norm(np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64), axis=2)
-    return np.where(np.isfinite(distances), distances, np.inf)
+    distances: NDArray[np.float64] = np.linalg.norm(
+        np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64), axis=2
+    )
+    distances[~np.isfinite(distances)] = np.inf
+    return distances
 
 
 @final
@@ -102,7 +105,8 @@ class OnlineErrorAccumulator:
         distances = vertex_distances(reduced, full)
         self._distances.add(distances)
         self._displacements.add(vertex_distances(full, np.zeros_like(full)))
-        return distances.mean(axis=1) * MM_PER_M
+        mean_mm: NDArray[np.float64] = distances.mean(axis=1) * MM_PER_M
+        return mean_mm
 
     def result(self) -> OnlineError:
         """The error over every chunk so far.

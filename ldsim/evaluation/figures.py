@@ -93,7 +93,7 @@ def error_against_k(
 def singular_values(values: Array, marks: Mapping[str, int] | None = None) -> str:
     """Singular values (K,) relative to the first: how fast the motions' variety fades; `marks` as above."""
     figure, ax = new_axes("mode", "singular value / first")
-    ax.plot(*thinned(np.arange(1, len(values) + 1), values / values[0]), color=LINEAR, lw=1.7)
+    ax.plot(*thinned(np.arange(1.0, len(values) + 1), values / values[0]), color=LINEAR, lw=1.7)
     log_scale(ax, "y")
     _mark_modes(ax, marks or {})
     return to_svg(figure, "Singular values of the snapshots, relative to the first")
@@ -104,9 +104,9 @@ def training_history(
 ) -> str:
     """Loss against epochs, (E,) each; the learning rate, where given, on an axis of its own to the right."""
     figure, ax = new_axes("epoch", "loss")
-    ax.plot(*thinned(epochs, training), color=LATENT, lw=1.5, label="training")
+    ax.plot(*thinned(epochs, training), color=LATENT, lw=1.2, zorder=3, label="training")
     if validation is not None:
-        ax.plot(*thinned(epochs, validation), color=LINEAR, lw=1.5, label="validation")
+        ax.plot(*thinned(epochs, validation), color=GREEN, lw=1.2, label="validation")
     log_scale(ax, "y")
     if learning_rate is not None:
         rate = ax.twinx()
@@ -125,10 +125,27 @@ def cubature_error(curves: Sequence[CubatureCurve], tolerance: float | None = No
     figure, ax = new_axes("cubature points", "relative force error")
     for curve in curves:
         colour = SPACE_COLOURS[curve.space]
-        ax.plot(*thinned(curve.points, curve.train), color=colour, lw=1.7, marker="o", ms=3, label=f"{curve.space}, training")
+        ax.plot(
+            *thinned(curve.points, curve.train),
+            color=colour,
+            lw=1.7,
+            marker="o",
+            ms=3,
+            label=f"{curve.space}, training",
+        )
         if curve.heldout is not None:
             x, y = thinned(curve.points, curve.heldout)
-            ax.plot(x, y, color=colour, lw=1.4, ls=(0, (4, 2)), marker="o", ms=3, mfc="none", label=f"{curve.space}, held-out")
+            ax.plot(
+                x,
+                y,
+                color=colour,
+                lw=1.4,
+                ls=(0, (4, 2)),
+                marker="o",
+                ms=3,
+                mfc="none",
+                label=f"{curve.space}, held-out",
+            )
     if tolerance is not None:
         ax.axhline(tolerance, color=INK, lw=1, alpha=0.7)
         _line_label(ax, tolerance, f"tolerance {plain_number(tolerance)}")
@@ -143,7 +160,9 @@ def step_times(times: Mapping[str, StepTime]) -> str:
 
     Bars on a logarithmic axis start at a tenth of the smallest median, so compare their ends, not their lengths.
     """
-    figure, ax = new_axes("time of one step, ms (median; whisker to the 95th percentile)", "", height=1.1 + 0.42 * len(times))
+    figure, ax = new_axes(
+        "time of one step, ms (median; whisker to the 95th percentile)", "", height=1.1 + 0.42 * len(times)
+    )
     names = list(times)[::-1]
     left = min(time.median_ms for time in times.values()) / 10
     for row, name in enumerate(names):

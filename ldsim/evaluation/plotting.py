@@ -31,12 +31,12 @@ GREEN = "#00966c"
 MAX_POINTS = 600
 
 _STYLE = (
-    "<style>.ldsim-figure{color:#23282f;font-variant-numeric:tabular-nums}"
+    "<style>.ldsim-figure{color:#23282f;font-variant-numeric:tabular-nums;"
+    "font-family:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif}"
     ".ldsim-figure *{stroke-linejoin:round;stroke-linecap:butt}"
     "@media (prefers-color-scheme:dark){.ldsim-figure{color:#dfe3e8}}"
     "@media print{.ldsim-figure{color:#23282f}}</style>"
 )
-_FONTS = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', sans-serif"
 
 
 def new_axes(x_label: str, y_label: str, height: float = 3.1) -> tuple[Figure, Axes]:
@@ -112,14 +112,13 @@ def to_svg(figure: Figure, label: str) -> str:
     buffer = StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": label}):
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, count=1, flags=re.DOTALL)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-    text = text.replace(INK, "currentColor").replace("'DejaVu Sans', sans-serif", _FONTS)
-    text = re.sub(r"font: ([\d.]+px) [^;\"]*", rf"font: \1 {_FONTS}", text)
+    text = re.sub(r"font-family: [^;\"]*;? ?", "", text.replace(INK, "currentColor"))
     text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening(label), text, count=1)
     return re.sub(r"\n\s*", "\n", text)
 
