@@ -119,7 +119,7 @@ def side_by_side(
     figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
     for ax, pose, shading in zip(panels, poses, shadings, strict=True):
         draw_mesh(ax, pose.positions, triangles, view, limits, shading=shading)
-        ax.set_title(pose.title, color=TEXT_GREY, fontsize=10, pad=6)
+        _title(ax, pose.title, width)
     if shadings[0] is not None:
         _colour_bar(figure, shadings[0].norm)
     buffer = BytesIO()
@@ -156,7 +156,7 @@ def animation(
         figure, panels = _row_of_panels(len(thinned), limits, width, bar=False)
         for ax, (title, positions) in zip(panels, thinned, strict=True):
             draw_mesh(ax, positions[frame], triangles, view, limits)
-            ax.set_title(title, color=TEXT_GREY, fontsize=9, pad=4)
+            _title(ax, title, width)
         pictures.append(_rasterised(figure))
     return _webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
 
@@ -209,7 +209,8 @@ def _distance_shadings(poses: Array, reference: Array | None) -> list[Shading] |
 
 def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Figure, list[Axes]]:
     """A transparent figure with `count` axes of the limits' aspect, a line for titles and room for a colour bar."""
-    inches, title, foot = width / DOTS_PER_INCH, 0.32, 0.55 if bar else 0.06
+    inches = width / DOTS_PER_INCH
+    title, foot = 0.027 * inches, 0.55 if bar else 0.06
     aspect = (limits[3] - limits[2]) / (limits[1] - limits[0])
     panel = inches / count
     height = panel * float(np.clip(aspect, 0.3, 1.4)) + title + foot
@@ -218,6 +219,11 @@ def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Fi
     rows = (height - title - foot) / height
     gap = 0.02 / count
     return figure, [figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)]
+
+
+def _title(ax: Axes, text: str, width: int) -> None:
+    """A title whose size follows the picture's width, so that pictures scaled to one width match."""
+    ax.set_title(text, color=TEXT_GREY, fontsize=10 * width / 1200, pad=6 * width / 1200)
 
 
 def _colour_bar(figure: Figure, norm: Normalize) -> None:
