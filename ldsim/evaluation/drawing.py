@@ -223,7 +223,7 @@ def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Fi
 
 def _title(ax: Axes, text: str, width: int) -> None:
     """A title whose size follows the picture's width, so that pictures scaled to one width match."""
-    ax.set_title(text, color=TEXT_GREY, fontsize=10 * width / 1200, pad=6 * width / 1200)
+    ax.set_title(text, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
 
 
 def _colour_bar(figure: Figure, norm: Normalize) -> None:
@@ -232,8 +232,8 @@ def _colour_bar(figure: Figure, norm: Normalize) -> None:
     ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
     bar = figure.colorbar(ScalarMappable(norm, DISTANCE_COLOURS), cax=ax, orientation="horizontal")
     bar.outline.set_visible(False)
-    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=8, labelpad=1)
-    ax.tick_params(colors=TEXT_GREY, labelsize=8, length=2, pad=1)
+    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
+    ax.tick_params(colors=TEXT_GREY, labelsize=9, length=2, pad=1)
 
 
 def _rasterised(figure: Figure) -> Image.Image:
