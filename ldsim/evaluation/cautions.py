@@ -59,7 +59,7 @@ def _cubature_misses(report: Mapping[str, Any], tolerance: float | None) -> list
         if tolerance is not None and reached is not None and reached > tolerance:
             found.append(
                 f"Cubature of the {space} space stopped at a relative error of {readable(reached)}; "
-                f"{readable(tolerance)} was asked for."
+                f"{tolerance:g} was asked for."
             )
     return found
 

@@ -119,7 +119,7 @@ def side_by_side(
     figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
     for ax, pose, shading in zip(panels, poses, shadings, strict=True):
         draw_mesh(ax, pose.positions, triangles, view, limits, shading=shading)
-        ax.set_title(pose.title, color=TEXT_GREY, fontsize=10, pad=6)
+        _title(ax, pose.title, width)
     if shadings[0] is not None:
         _colour_bar(figure, shadings[0].norm)
     buffer = BytesIO()
@@ -156,7 +156,7 @@ def animation(
         figure, panels = _row_of_panels(len(thinned), limits, width, bar=False)
         for ax, (title, positions) in zip(panels, thinned, strict=True):
             draw_mesh(ax, positions[frame], triangles, view, limits)
-            ax.set_title(title, color=TEXT_GREY, fontsize=9, pad=4)
+            _title(ax, title, width)
         pictures.append(_rasterised(figure))
     return _webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
 
@@ -209,7 +209,8 @@ def _distance_shadings(poses: Array, reference: Array | None) -> list[Shading] |
 
 def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Figure, list[Axes]]:
     """A transparent figure with `count` axes of the limits' aspect, a line for titles and room for a colour bar."""
-    inches, title, foot = width / DOTS_PER_INCH, 0.32, 0.55 if bar else 0.06
+    inches = width / DOTS_PER_INCH
+    title, foot = 0.027 * inches, 0.55 if bar else 0.06
     aspect = (limits[3] - limits[2]) / (limits[1] - limits[0])
     panel = inches / count
     height = panel * float(np.clip(aspect, 0.3, 1.4)) + title + foot
@@ -220,14 +221,19 @@ def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Fi
     return figure, [figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)]
 
 
+def _title(ax: Axes, text: str, width: int) -> None:
+    """A title whose size follows the picture's width, so that pictures scaled to one width match."""
+    ax.set_title(text, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
+
+
 def _colour_bar(figure: Figure, norm: Normalize) -> None:
     """A thin bar under the row that says what the colours mean."""
     height = figure.get_size_inches()[1]
     ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
     bar = figure.colorbar(ScalarMappable(norm, DISTANCE_COLOURS), cax=ax, orientation="horizontal")
     bar.outline.set_visible(False)
-    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=8, labelpad=1)
-    ax.tick_params(colors=TEXT_GREY, labelsize=8, length=2, pad=1)
+    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
+    ax.tick_params(colors=TEXT_GREY, labelsize=9, length=2, pad=1)
 
 
 def _rasterised(figure: Figure) -> Image.Image:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -74,7 +75,7 @@ def error_against_k(
         marks: name → number of modes to point out, such as r, kp and k.
         autoencoder: its error on the training frames, drawn as two horizontal lines.
     """
-    figure, ax = new_axes("number of PCA modes", "vertex distance, mm", height=3.4)
+    figure, ax = new_axes("number of PCA modes", "vertex distance, mm", height=3.5)
     for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", (0, (4, 2)))):
         if curve is not None:
             ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, ls=dashes, lw=1.7, label=f"max, {name}")
@@ -148,7 +149,7 @@ def cubature_error(curves: Sequence[CubatureCurve], tolerance: float | None = No
             )
     if tolerance is not None:
         ax.axhline(tolerance, color=INK, lw=1, alpha=0.7)
-        _line_label(ax, tolerance, f"tolerance {plain_number(tolerance)}")
+        _line_label(ax, tolerance, f"tolerance {plain_number(tolerance)}", side="left")
     log_scale(ax, "x")
     log_scale(ax, "y")
     legend(ax)
@@ -202,11 +203,12 @@ def online_error_over_time(
     return to_svg(figure, "Mean vertex distance to the full-space run over time")
 
 
-def _line_label(ax: Axes, y: float, text: str) -> None:
-    """A small text on a horizontal line, at its right end."""
+def _line_label(ax: Axes, y: float, text: str, side: Literal["left", "right"] = "right") -> None:
+    """A small text on a horizontal line, at one of its ends."""
+    at, inwards = (0, 3) if side == "left" else (1, -3)
     ax.annotate(
-        text, (1, y), xycoords=("axes fraction", "data"), xytext=(-2, 2), textcoords="offset points",
-        ha="right", va="bottom", color=INK, fontsize=8,
+        text, (at, y), xycoords=("axes fraction", "data"), xytext=(inwards, 2), textcoords="offset points",
+        ha=side, va="bottom", color=INK, fontsize=8,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from html import escape
 from typing import final
 
 VOID = ("img", "meta", "br")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @final
@@ -46,21 +47,25 @@ def number(value: float | None, digits: int = 3, factor: float = 1.0, unit: str 
     """
     if value is None:
         return element("span", "–", class_="null", title="not measured")
-    text = readable(value * factor, digits) + (f"\u202f{unit}" if unit else "")
+    text = readable(value if factor == 1 else value * factor, digits) + (f"\u202f{unit}" if unit else "")
     exact = json.dumps(value)
     return element("data", text, value=exact, title=None if exact == text else exact)
 
 
 def readable(value: float, digits: int = 3) -> str:
-    """`value` in at most so many significant digits, without exponent where that stays short."""
-    if float(value).is_integer() and abs(value) < 1e15:
-        return f"{int(value):,}".replace(",", "\u202f")
+    """Whole numbers in full, others in so many significant digits, without exponent where that stays short."""
+    if value == 0 or isinstance(value, int):
+        return _spaced(value)
     if not 1e-4 <= abs(value) < 1e7:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-        return f"{mantissa} · 10{str(int(exponent)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
-    if abs(value) >= 10**digits:
-        return f"{value:,.0f}".replace(",", "\u202f")
-    return f"{value:.{digits}g}"
+        return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPTS)}"
+    rounded = f"{value:#.{digits}g}".rstrip(".")
+    return _spaced(value) if "e" in rounded else rounded
+
+
+def _spaced(value: float) -> str:
+    """A number without decimals, its thousands apart by narrow no-break spaces."""
+    return f"{value:,.0f}".replace(",", "\u202f")
 
 
 def percent(value: float | None, digits: int = 3) -> Markup:

@@ -96,8 +96,8 @@ def _key_figures(report: Mapping[str, Any]) -> Markup:
         _key_figure(
             "away from full space",
             percent(error["relative"]),
-            joined("of the mean displacement; restarted every 0.25 s ", percent(error["windowed"])),
-            f", {where}" if latent else "",
+            joined("of the mean displacement; restarted every 0.25 s: ", percent(error["windowed"])),
+            f"; {where}" if latent else "",
         ),
         class_="key",
     )

@@ -9,8 +9,8 @@ STYLE = """
 body{margin:0;background:var(--paper);color:var(--ink);line-height:1.55;font-size:1rem;
 font-family:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;-webkit-text-size-adjust:100%}
 main{max-width:68rem;margin:0 auto;padding:3.5rem 1.5rem 5rem}
-h1,h2,.lede,.key dd:first-of-type{font-family:'Iowan Old Style','Palatino Linotype',Palatino,'Book Antiqua',Georgia,serif;
-font-weight:500}
+h1,h2,.lede,.key dd:first-of-type{font-family:'Iowan Old Style','Palatino Linotype',Palatino,
+'Book Antiqua',Georgia,serif;font-weight:500}
 h1{font-size:clamp(2.4rem,7vw,4rem);line-height:1.05;margin:.1em 0 .25em;letter-spacing:-.015em;overflow-wrap:anywhere}
 h2{font-size:1.55rem;line-height:1.2;margin:0 0 .7rem}
 .kicker{margin:0;color:var(--soft);font-size:.85rem}
@@ -31,7 +31,8 @@ dl,dd{margin:0}
 .key>div:first-child dd:first-of-type{color:var(--latent)}
 .key .remark{font-size:.87rem;color:var(--soft);max-width:20rem}
 section{margin-top:3.6rem}
-.warnings{margin-top:2rem;padding:1.2rem 1.5rem;background:var(--alarm-card);border-left:.3rem solid var(--alarm);border-radius:2px}
+.warnings{margin-top:2rem;padding:1.2rem 1.5rem;background:var(--alarm-card);
+border-left:.3rem solid var(--alarm);border-radius:2px}
 .warnings h2{font-size:1.2rem;color:var(--alarm);margin-bottom:.4rem}
 .warnings ul{margin:0;padding-left:1.1rem;max-width:46rem}
 .warnings li{margin:.3rem 0}
@@ -40,7 +41,8 @@ section{margin-top:3.6rem}
 figure{margin:0 0 1.8rem}
 img{display:block;width:100%;height:auto}
 figcaption{color:var(--soft);font-size:.9rem;margin-top:.5rem}
-.facts{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,20rem),1fr));column-gap:2.5rem;margin-bottom:.9rem}
+.facts{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,20rem),1fr));column-gap:2.5rem;
+margin-bottom:.9rem}
 .facts>div{display:flex;justify-content:space-between;gap:1rem;padding:.42rem 0;border-bottom:1px solid var(--line)}
 .facts dt{color:var(--soft)}
 .facts dd{text-align:right;overflow-wrap:anywhere}
@@ -51,18 +53,22 @@ table{border-collapse:collapse;width:100%;font-size:.92rem;font-variant-numeric:
 caption{position:absolute;width:1px;height:1px;overflow:hidden;clip-path:inset(50%)}
 th,td{padding:.5rem .75rem;text-align:right;vertical-align:baseline;border-bottom:1px solid var(--line)}
 th:first-child{padding-left:0;text-align:left;white-space:nowrap;position:sticky;left:0;background:var(--paper)}
+td{white-space:nowrap}
 td:last-child,thead th:last-child{padding-right:0}
 tbody th{font-weight:500}
-thead th{color:var(--soft);font-weight:400;font-size:.82rem;line-height:1.3;vertical-align:bottom;border-bottom-color:var(--soft)}
+thead th{color:var(--soft);font-weight:400;font-size:.82rem;line-height:1.3;vertical-align:bottom;
+white-space:normal;border-bottom-color:var(--soft)}
 .own>*{background:var(--card)}
 .own th:first-child{background:var(--card);box-shadow:-.6rem 0 0 var(--card)}
 small{color:var(--soft)}
-.space::before{content:"";display:inline-block;width:.62em;height:.62em;margin-right:.55em;border-radius:2px;background:var(--full)}
+.space::before{content:"";display:inline-block;width:.62em;height:.62em;margin-right:.55em;border-radius:2px;
+background:var(--full)}
 .space.linear::before{background:var(--linear)}
 .space.latent::before{background:var(--latent)}
 .bad{color:var(--alarm);font-weight:600}
-.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:2rem 2.5rem;margin-top:1.6rem;align-items:end}
-.plot svg{display:block;width:100%;max-width:40rem;height:auto}
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:2rem 2.5rem;
+margin-top:1.6rem;align-items:end}
+.plot svg{display:block;width:100%;max-width:34rem;height:auto}
 @media (max-width:40rem){main{padding:2rem 1.1rem 3rem}section{margin-top:2.6rem}.lede{font-size:1.15rem}
 .key>div{padding:.9rem 0}.key>div+div{border-left:0;border-top:1px solid var(--line)}}
 @media print{:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}

@@ -1,11 +1,12 @@
 """What all figures share: colours, axes, thinning, and SVG that is small and reads on light and dark pages.
 
 Matplotlib draws; afterwards the ink's stand-in colour becomes `currentColor`, which a style inside the SVG sets for
-light and for dark, text stays text, and identifiers that would clash inside one page go.
+light and for dark, text stays text, and identifiers are made unlike those of other figures in one page.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
 from html import escape
 from io import StringIO
@@ -17,6 +18,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
+
+from ldsim.evaluation.html import SUPERSCRIPTS
 
 Array = NDArray[np.float64]
 
@@ -39,9 +42,9 @@ _STYLE = (
 )
 
 
-def new_axes(x_label: str, y_label: str, height: float = 3.1) -> tuple[Figure, Axes]:
+def new_axes(x_label: str, y_label: str, height: float = 2.9) -> tuple[Figure, Axes]:
     """A figure of one axes with quiet spines, a faint grid, and room for a legend above it."""
-    figure = Figure(figsize=(6.2, height), layout="constrained")
+    figure = Figure(figsize=(5.2, height), layout="constrained")
     figure.patch.set_alpha(0.0)
     ax = figure.add_subplot()
     ax.patch.set_alpha(0.0)
@@ -71,7 +74,7 @@ def plain_number(value: float) -> str:
     if value == 0 or 1e-3 <= abs(value) < 1e4:
         return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}".replace(",", "\u2009")
     mantissa, exponent = f"{value:.0e}".split("e")
-    power = "10" + str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    power = "10" + str(int(exponent)).translate(SUPERSCRIPTS)
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
@@ -80,7 +83,7 @@ def legend(ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         ax.legend(
-            loc="lower left", bbox_to_anchor=(0, 1.0), ncols=min(3, len(labels)), frameon=False,
+            loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(labels) if len(labels) < 4 else 2, frameon=False,
             fontsize=9, labelcolor=INK, handlelength=1.8, columnspacing=1.4, borderaxespad=0.2,
         )  # fmt: skip
 
@@ -107,16 +110,18 @@ def to_svg(figure: Figure, label: str) -> str:
     """The figure as an SVG element without XML prolog, to stand alone or inside a page.
 
     Args:
-        label: what the figure shows, one sentence, for those who do not see it; it also keeps identifiers apart.
+        label: what the figure shows, one sentence, for those who do not see it.
     """
     buffer = StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": label}):
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "ldsim"}):
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, count=1, flags=re.DOTALL)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    text = re.sub(r'(id="|#)([mp][0-9a-f]{10})(?=[")])', rf"\1\2-{digest}", text)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text.replace(INK, "currentColor"))
     text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening(label), text, count=1)

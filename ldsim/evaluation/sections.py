@@ -175,16 +175,16 @@ def _own_row(report: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _paper_row(row: PaperRow) -> tuple[str, ...]:
-    size = (number(row.kp), joined(number(row.r), " (", number(row.k), ")"))
-    seconds = (number(row.autoencoder_s), number(row.pca_s), number(row.cubature_s))
-    times = (number(row.linear_ms), number(row.latent_ms), number(round(row.speedup, 2)))
+    seconds = (f"{row.autoencoder_s:g}", f"{row.pca_s:g}", f"{row.cubature_s:g}")
+    size = (str(row.kp), f"{row.r} ({row.k})")
+    times = (f"{row.linear_ms:g}", f"{row.latent_ms:g}", f"{row.speedup:.2f}")
     return (f"{row.experiment} (paper)", number(row.tets), *seconds, number(row.points), *size, *times)
 
 
 def _run_row(space: str, run: Mapping[str, Any]) -> tuple[str, ...]:
     error = run["online_error"] or dict.fromkeys(("relative", "windowed", "max_mm", "mean_mm"))
     counts = (run["frames"], run["median_step_ms"], run["p95_step_ms"], run["iterations"], run["evaluations"])
-    outcome = element("span", "diverged", class_="bad") if run["diverged"] else joined("ran through")
+    outcome = element("span", "diverged", class_="bad") if run["diverged"] else joined("finished")
     return (
         _space(space),
         joined(run["motion"], " ", element("small", ROLE_NAMES[run["role"]])),

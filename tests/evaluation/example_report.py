@@ -1,0 +1,60 @@
+"""A made-up report that keeps the contract, every number of it different from every other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def example_report() -> dict[str, Any]:
+    """A fresh report.json as a dict, free to be broken by a test."""
+    return {
+        "experiment": "x",
+        "created": "2030-01-02T03:04:05Z",
+        "machine": {"cpu": "a processor", "cores": 3, "gpu": None, "versions": {"ldsim": "0.1.0", "numpy": "2.4.6"}},
+        "mesh": {"vertices": 8141, "cells": 29687, "cell_type": "tet4", "quadrature_points": 29688},
+        "dims": {"k": 60, "r": 10, "kp": 37},
+        "reconstruction": {
+            "train": _errors([(4.01, 0.1471), (28.4, 3.13), (4.02, 0.287), (1.1, 0.0623)]),
+            "heldout": _errors([(14.31, 0.611), (40.2, 4.4), (9.6, 0.71), (5.4, 0.3312)]),
+        },
+        "rest_residual_mm": 0.00012,
+        "cubature": {
+            "latent": {"points": 69, "relative_error": {"train": 0.0497, "heldout": 0.1123}, "seconds": 4.31},
+            "linear": {"points": 366, "relative_error": {"train": 0.0731, "heldout": None}, "seconds": 18.72},
+        },
+        "simulate": {
+            "full": [_run("x_2", "heldout", 558, 131.9, 188.4, 8.61, 9.51, None)],
+            "linear": [_run("x_2", "heldout", 557, 4.09, 6.03, 10.11, 11.31, (0.2104, 0.0912, 31.41, 3.92))],
+            "latent": [
+                _run("x_1", "train", 1637, 0.241, 0.312, 11.41, 12.71, (0.0826, 0.0411, 19.21, 1.402)),
+                _run("x_2", "heldout", 556, 0.243, 0.331, 12.21, 13.81, (0.3313, 0.1421, 52.81, 6.173)),
+            ],
+        },
+        "speedup": {"latent_over_linear": 16.83, "latent_over_full": 542.1},
+        "stages": {
+            "mesh": {"seconds": 1.92, "peak_memory_mb": 412.3},
+            "train": {"seconds": 17.3, "peak_memory_mb": 811.9},
+        },
+    }
+
+
+def _errors(pairs: list[tuple[float, float]]) -> dict[str, Any]:
+    methods = ("autoencoder", "pca_r", "pca_kp", "pca_k")
+    return {name: {"max_mm": top, "mean_mm": mean} for name, (top, mean) in zip(methods, pairs, strict=True)}
+
+
+def _run(
+    motion: str, role: str, frames: int, median: float, p95: float, iterations: float, evaluations: float, error: Any
+) -> dict[str, Any]:
+    keys = ("relative", "windowed", "max_mm", "mean_mm")
+    return {
+        "motion": motion,
+        "role": role,
+        "frames": frames,
+        "median_step_ms": median,
+        "p95_step_ms": p95,
+        "iterations": iterations,
+        "evaluations": evaluations,
+        "online_error": error and dict(zip(keys, error, strict=True)),
+        "diverged": False,
+    }
