@@ -152,11 +152,11 @@ class TrainSettings(Section):
 
 
 class CubatureSettings(Section):
-    tolerance: float = Field(0.05, gt=0, lt=1, description="Relative error of the reduced forces on training poses.")
+    tolerance: float = Field(0.03, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
     max_points: int = Field(150, ge=1, description="Most points of the latent set.")
     linear_max_points: int = Field(500, ge=1, description="Most points of the linear set.")
-    poses: int = Field(200, ge=1, description="Training poses to fit.")
-    heldout_poses: int = Field(100, ge=1, description="Poses kept back from the fit, of each role.")
+    poses: int = Field(400, ge=1, description="Poses of the training motions to fit.")
+    heldout_poses: int = Field(200, ge=1, description="Poses of the training motions kept back from the fit.")
     seed: int = Field(0, ge=0, description="Of the choice of poses.")
 
 
