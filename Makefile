@@ -53,7 +53,7 @@ $(ENVIRONMENT): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing the packages of pyproject.toml into $(VENV), some minutes and about 1.5 GB"
 	@# torch comes first and with the index of its CPU builds: pip otherwise takes a CUDA build of gigabytes.
-	$(VENV)/bin/python -m pip install --quiet --extra-index-url $(TORCH_INDEX) \
+	$(VENV)/bin/python -m pip install --quiet --no-deps --retries 2 --extra-index-url $(TORCH_INDEX) \
 	    $(shell sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
 	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
 	@touch $@

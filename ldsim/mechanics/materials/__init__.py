@@ -51,7 +51,9 @@ def principal(kind: int, a: float, b: float, c: float, mu: float, lam: float) ->
 
 
 @njit(cache=True, inline="always")
-def _pair(p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq: float, clamp: bool) -> tuple[float, float]:
+def _pair(
+    p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq: float, clamp: bool
+) -> tuple[float, float]:
     """∂²Ψ/∂X_pq² and ∂²Ψ/∂X_pq∂X_qp of the off-diagonal pair, from its twist and flip eigenvalues."""
     total = p + q
     if abs(total) < 1e-8:
