@@ -152,7 +152,9 @@ def test_the_tangent_holds_where_the_solid_is_inverted_if_the_energy_does(name: 
     d = np.random.default_rng(1).normal(size=(3, 3))
     assert psi(name, F) == pytest.approx(FORMULAS[name](F), rel=1e-12)
     assert derivative_order(lambda X: psi(name, X), lambda X: np.sum(stress(name, X) * d), F, d) > 1.9
-    assert derivative_order(lambda X: stress(name, X).ravel(), lambda X: tangent_matrix(name, X) @ d.ravel(), F, d) > 1.9
+    assert (
+        derivative_order(lambda X: stress(name, X).ravel(), lambda X: tangent_matrix(name, X) @ d.ravel(), F, d) > 1.9
+    )
 
 
 @pytest.mark.parametrize("stretches", [[1.6, 1.1, 0.6], [0.7, 0.5, 0.3], [1.9, 0.4, 0.35]])

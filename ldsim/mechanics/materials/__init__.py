@@ -76,7 +76,9 @@ def principal(kind: int, a: float, b: float, c: float, mu: float, lam: float) ->
 
 
 @njit(cache=True, inline="always")
-def _pair(p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq: float, clamp: bool) -> tuple[float, float]:
+def _pair(
+    p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq: float, clamp: bool
+) -> tuple[float, float]:
     """∂²Ψ/∂X_pq² and ∂²Ψ/∂X_pq∂X_qp of the off-diagonal pair, from its twist and flip eigenvalues."""
     total = p + q
     if abs(total) < 1e-8:
@@ -93,9 +95,7 @@ def _pair(p: float, q: float, dp: float, dq: float, hpp: float, hqq: float, hpq:
 
 
 @njit(cache=True)
-def tangent(
-    kind: int, F: Matrix, mu: float, lam: float, clamp: bool
-) -> tuple[Matrix, Matrix, Symmetric, Symmetric]:
+def tangent(kind: int, F: Matrix, mu: float, lam: float, clamp: bool) -> tuple[Matrix, Matrix, Symmetric, Symmetric]:
     """The tangent ∂²Ψ/∂F² in the frame of the singular vectors, X = Uᵀ dF V.
 
     Returns U, V, the stretch block ∂²Ψ/∂X_ii∂X_jj as (00, 11, 22, 01, 02, 12), and the three off-diagonal pairs as
