@@ -201,4 +201,4 @@ def test_a_cleared_memory_starts_from_the_preconditioner() -> None:
 @pytest.mark.parametrize("reason", Reason)
 def test_every_reason_has_words_and_only_one_means_success(reason: Reason) -> None:
     assert reason.words
-    assert ("converged" == reason.words) == (reason == Reason.CONVERGED)
+    assert (reason.words == "converged") == (reason == Reason.CONVERGED)
