@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,17 +108,10 @@ class Snapshots:
     def frames(self, name: str) -> int:
         return int(self._file["motions"][name].attrs["frames"])
 
-    def displacements(self, name: str, start: int, stop: int) -> NDArray[np.float32]:
-        """Frames start … stop − 1, (frames, n, 3) float32, metres."""
-        part: NDArray[np.float32] = self._file["motions"][name]["displacements"][start:stop]
-        return part
-
-    def frame(self, name: str, index: int) -> Array:
-        """One frame, (n, 3) float64, metres; frame −1 is rest."""
-        if index < 0:
-            return np.zeros(self._file["motions"][name]["displacements"].shape[1:])
-        frame: Array = self._file["motions"][name]["displacements"][index].astype(np.float64)
-        return frame
+    def reader(self, name: str) -> Callable[[int, int], NDArray[np.float32]]:
+        """The function (start, stop) → frames start … stop − 1 of a motion, (frames, n, 3) float32, metres."""
+        data = self._file["motions"][name]["displacements"]
+        return lambda start, stop: data[start:stop]
 
     def chunks(self, names: list[str]) -> Iterator[NDArray[np.float32]]:
         """Rows of displacements (b, 3n) float32 of the given motions, in bounded pieces."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from ldsim.mechanics.materials import neo_hookean, stable_neo_hookean
+from ldsim.mechanics.materials import fixed_corotated, linear, neo_hookean, st_venant_kirchhoff, stable_neo_hookean
 from ldsim.mechanics.materials.tensors import (
     Matrix,
     Principal,
@@ -19,35 +19,60 @@ from ldsim.mechanics.materials.tensors import (
     signed_svd,
 )
 
-MATERIALS = {"neo_hookean": 0, "stable_neo_hookean": 1}
+MATERIALS = {"neo_hookean": 0, "stable_neo_hookean": 1, "st_venant_kirchhoff": 2, "fixed_corotated": 3, "linear": 4}
+LINEAR = MATERIALS["linear"]
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 _energy_neo_hookean, _stress_neo_hookean = neo_hookean.energy, neo_hookean.energy_stress
 _energy_stable, _stress_stable = stable_neo_hookean.energy, stable_neo_hookean.energy_stress
+_energy_kirchhoff, _stress_kirchhoff = st_venant_kirchhoff.energy, st_venant_kirchhoff.energy_stress
+_energy_corotated, _stress_corotated = fixed_corotated.energy, fixed_corotated.energy_stress
+_energy_linear, _stress_linear = linear.energy, linear.energy_stress
 _principal_neo_hookean, _principal_stable = neo_hookean.principal, stable_neo_hookean.principal
+_principal_kirchhoff, _principal_corotated = st_venant_kirchhoff.principal, fixed_corotated.principal
+_principal_linear = linear.principal
 
 
 @njit(cache=True)
 def energy(kind: int, F: Matrix, mu: float, lam: float) -> float:
     """Energy density Ψ(F), J/m³, of material number `kind` with Lamé parameters mu, lam, Pa."""
+    if kind == 0:
+        return _energy_neo_hookean(F, mu, lam)
     if kind == 1:
         return _energy_stable(F, mu, lam)
-    return _energy_neo_hookean(F, mu, lam)
+    if kind == 2:
+        return _energy_kirchhoff(F, mu, lam)
+    if kind == 3:
+        return _energy_corotated(F, mu, lam)
+    return _energy_linear(F, mu, lam)
 
 
 @njit(cache=True)
 def energy_stress(kind: int, F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     """Energy density Ψ(F), J/m³, and the first Piola–Kirchhoff stress P = ∂Ψ/∂F, Pa."""
+    if kind == 0:
+        return _stress_neo_hookean(F, mu, lam)
     if kind == 1:
         return _stress_stable(F, mu, lam)
-    return _stress_neo_hookean(F, mu, lam)
+    if kind == 2:
+        return _stress_kirchhoff(F, mu, lam)
+    if kind == 3:
+        return _stress_corotated(F, mu, lam)
+    return _stress_linear(F, mu, lam)
 
 
 @njit(cache=True)
 def principal(kind: int, a: float, b: float, c: float, mu: float, lam: float) -> Principal:
     """∂Ψ/∂σ (3 values) and ∂²Ψ/∂σ² (00, 11, 22, 01, 02, 12) at the stretches a, b, c, Pa."""
+    if kind == 0:
+        return _principal_neo_hookean(a, b, c, mu, lam)
     if kind == 1:
         return _principal_stable(a, b, c, mu, lam)
-    return _principal_neo_hookean(a, b, c, mu, lam)
+    if kind == 2:
+        return _principal_kirchhoff(a, b, c, mu, lam)
+    if kind == 3:
+        return _principal_corotated(a, b, c, mu, lam)
+    return _principal_linear(a, b, c, mu, lam)
 
 
 @njit(cache=True, inline="always")
@@ -70,15 +95,16 @@ def _pair(
 
 
 @njit(cache=True)
-def tangent(
-    kind: int, F: Matrix, mu: float, lam: float, clamp: bool
-) -> tuple[Matrix, Matrix, Symmetric, Symmetric]:
+def tangent(kind: int, F: Matrix, mu: float, lam: float, clamp: bool) -> tuple[Matrix, Matrix, Symmetric, Symmetric]:
     """The tangent ∂²Ψ/∂F² in the frame of the singular vectors, X = Uᵀ dF V.
 
     Returns U, V, the stretch block ∂²Ψ/∂X_ii∂X_jj as (00, 11, 22, 01, 02, 12), and the three off-diagonal pairs as
     (a01, a02, a12, b01, b02, b12): a_ij = ∂²Ψ/∂X_ij² = ∂²Ψ/∂X_ji², b_ij = ∂²Ψ/∂X_ij∂X_ji; everything else is zero.
     With `clamp`, negative eigenvalues are set to zero (Smith et al. 2019, Sec. 5).
     """
+    if kind == LINEAR:
+        stiff = 2.0 * mu + lam
+        return IDENTITY, IDENTITY, (stiff, stiff, stiff, lam, lam, lam), (mu, mu, mu, mu, mu, mu)
     U, (p, q, r), V = signed_svd(F)
     d0, d1, d2, h00, h11, h22, h01, h02, h12 = principal(kind, p, q, r, mu, lam)
     a01, b01 = _pair(p, q, d0, d1, h00, h11, h01, clamp)

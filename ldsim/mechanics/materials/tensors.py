@@ -16,11 +16,7 @@ SWEEPS = 12
 
 @njit(cache=True, inline="always")
 def determinant(A: Matrix) -> float:
-    return (
-        A[0] * (A[4] * A[8] - A[5] * A[7])
-        - A[1] * (A[3] * A[8] - A[5] * A[6])
-        + A[2] * (A[3] * A[7] - A[4] * A[6])
-    )
+    return A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) + A[2] * (A[3] * A[7] - A[4] * A[6])
 
 
 @njit(cache=True, inline="always")

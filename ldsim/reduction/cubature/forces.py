@@ -2,7 +2,8 @@
 
 Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008,
 "Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I). Its inner product
-with a residual ρ needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
+with a residual ρ needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the
+points a pose.
 """
 
 from __future__ import annotations

@@ -1,0 +1,42 @@
+"""simulation.h5: every motion in every space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.store import Header, read_header, reading, write
+from ldsim.dynamics.trajectory import Trajectory
+
+Runs = Mapping[str, Mapping[str, Trajectory]]
+
+
+def write_simulation(path: Path, header: Header, runs: Runs) -> None:
+    """Write simulation.h5 from space → motion → trajectory."""
+    datasets: dict[str, NDArray[np.generic] | float | int] = {}
+    for space, motions in runs.items():
+        for motion, trajectory in motions.items():
+            for entry in fields(trajectory):
+                values = getattr(trajectory, entry.name)
+                if values is not None:
+                    datasets[f"runs/{space}/{motion}/{entry.name}"] = values
+    write(path, header, datasets)
+
+
+def read_simulation(path: Path) -> tuple[dict[str, dict[str, Trajectory]], Header]:
+    """Read simulation.h5."""
+    with reading(path, "simulation") as file:
+        runs = {
+            space: {motion: _trajectory(group) for motion, group in motions.items()}
+            for space, motions in file["runs"].items()
+        }
+        return runs, read_header(file)
+
+
+def _trajectory(group: h5py.Group) -> Trajectory:
+    return Trajectory(**{name: data[:] for name, data in group.items()})

@@ -1,0 +1,78 @@
+"""`ldsim simulate`: run the motions in the full, linear and latent space and compare."""
+
+from __future__ import annotations
+
+import click
+import numpy as np
+
+from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.simulation import write_simulation
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.dynamics.trajectory import Trajectory
+from ldsim.errors import SettingsError
+from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder
+from ldsim.reduction.pca import inner_product
+from ldsim.solvers.solution import Reason
+from ldsim.threads import one_thread
+
+
+@stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
+def command(run: Run) -> None:
+    settings = run.settings.simulate
+    scene, _ = read_scene(run.path("scene"))
+    stored, _ = read_basis(run.path("basis"))
+    model, _ = read_model(run.path("model"))
+    cubature, header = read_cubature(run.path("cubature"))
+    run.check("cubature", header, "scene", "basis", "model")
+    U = stored.basis.U
+    metric = inner_product(scene.mass, run.settings.pca.inner_product)
+    narrow = np.ascontiguousarray(U[:, : model.kp])
+    spaces = [
+        ReducedSpace("linear", narrow, Decoder.identity(model.kp), Encoder((), ()), cubature["linear"].best),
+        ReducedSpace("latent", U, model.decoder, model.encoder, cubature["latent"].best),
+    ]
+    options = Options(settings.tolerance, settings.max_iterations, settings.full_frames, settings.window)
+    runs: dict[str, dict[str, Trajectory]] = {"full": {}, "linear": {}, "latent": {}}
+    minimisers: dict[str, str] = {}
+    with Snapshots(run.path("snapshots")) as snapshots, one_thread():
+        names = _motions(settings.motions, snapshots.names)
+        steps = sum(4 * snapshots.frames(name) for name in names)
+        with progress_bar(steps, "simulate", "step") as bar:
+            for name in names:
+                bar.set_postfix_str(name)
+                recorded = snapshots.recorded(name)
+                for space, trajectory, minimiser in compare_motion(
+                    scene, metric, spaces, recorded.motion, recorded.held, snapshots.reader(name), options, bar.update
+                ):
+                    runs[space][name] = trajectory
+                    minimisers[f"{space}_minimiser"] = minimiser
+    inputs = ("scene", "snapshots", "basis", "model", "cubature")
+    write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, -1, **minimisers), runs)
+    run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
+    _warn_of_failed_steps(runs)
+
+
+def _motions(wanted: tuple[str, ...] | None, known: list[str]) -> list[str]:
+    unknown = [name for name in wanted or () if name not in known]
+    if unknown:
+        raise SettingsError(f"simulate.motions names {unknown[0]!r}; the snapshots hold {', '.join(known)}")
+    return list(wanted) if wanted is not None else known
+
+
+def _summary(space: str, motions: dict[str, Trajectory]) -> str:
+    seconds = np.concatenate([trajectory.seconds for trajectory in motions.values()])
+    return f"{space} {1e3 * np.nanmedian(seconds):.3g} ms a step"
+
+
+def _warn_of_failed_steps(runs: dict[str, dict[str, Trajectory]]) -> None:
+    for space, motions in runs.items():
+        for name, trajectory in motions.items():
+            failed = int((trajectory.reason != Reason.CONVERGED).sum())
+            if trajectory.diverged:
+                click.echo(f"warning: {name} in the {space} space diverged", err=True)
+            elif failed:
+                worst = Reason(int(trajectory.reason.max())).words
+                click.echo(f"warning: {name} in the {space} space: {failed} steps did not converge ({worst})", err=True)

@@ -1,0 +1,45 @@
+"""The record of a motion in one space, whichever space it was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.solvers.solution import Reason
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A run of one motion in one space.
+
+    Attributes:
+        coordinates: q after each frame, (N, k); None for the full space.
+        latent: z after each frame, (N, r); None for the full and the linear space.
+        iterations, evaluations, reason: of each step, (N,).
+        seconds: of each step, (N,) float64.
+        mean_error, max_error: vertex distances to the full-space run in each frame, (N,) metres; None if not known.
+        windowed_mean_error: the same, restarted from the full-space state every window.
+        mean_displacement: of the full-space run in each frame, (N,) metres.
+    """
+
+    iterations: Indices
+    evaluations: Indices
+    reason: Indices
+    seconds: Array
+    coordinates: Array | None = None
+    latent: Array | None = None
+    mean_error: Array | None = None
+    max_error: Array | None = None
+    windowed_mean_error: Array | None = None
+    mean_displacement: Array | None = None
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the run ended in an infinite energy or left the solid ten diagonals behind (NaN from there on)."""
+        lost = self.coordinates is not None and not np.isfinite(self.coordinates).all()
+        return lost or bool((self.reason == Reason.INFINITE_START).any())

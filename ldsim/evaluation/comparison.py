@@ -1,0 +1,248 @@
+"""The spaces side by side: the same motion in the full, the linear and the latent space, timed and judged.
+
+Rules of measurement (design.md): one process, one thread, the same stop rule; each reduced space with the fastest of
+its minimisers, found on a trial stretch that also serves as warm-up; errors against the full-space snapshots.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.dynamics.full import FullState, FullStepper
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.trajectory import Trajectory
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder, nearest_latent
+from ldsim.reduction.pca import coordinates
+from ldsim.solvers.solution import Reason
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Held = Mapping[int, Indices]
+
+TRIAL_FRAMES = 60
+CHUNK = 64
+
+# The minimisers that compete for each reduced space.
+MINIMISERS: dict[str, dict[str, bool]] = {
+    "L-BFGS, rest stiffness": {"current": False, "newton": False},
+    "L-BFGS, current stiffness": {"current": True, "newton": False},
+    "Newton": {"current": True, "newton": True},
+}
+
+
+class Restarts:
+    """States of a reduced space taken from the full-space run every so many frames.
+
+    Args:
+        every: frames between restarts.
+        state: the reduced state that continues after a frame of the full-space run (−1 is rest).
+    """
+
+    def __init__(self, every: int, state: Callable[[int], ReducedState]) -> None:
+        self._every = every
+        self._state = state
+
+    def before(self, frame: int) -> ReducedState | None:
+        """The state to start a frame from, or None to go on."""
+        return self._state(frame - 1) if frame % self._every == 0 and frame > 0 else None
+
+
+def run_reduced(
+    stepper: ReducedStepper,
+    scene: Scene,
+    motion: Motion,
+    held: Held,
+    frames: range,
+    restarts: Restarts | None = None,
+    start: ReducedState | None = None,
+    progress: Callable[[], object] | None = None,
+) -> Trajectory:
+    """Step through frames of a motion in a reduced space; a run that is lost ends in NaN."""
+    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
+    state = start if start is not None else ReducedState.at_rest(stepper.decoder)
+    count, decoder = len(frames), stepper.decoder
+    q, z = np.full((count, decoder.k), np.nan), np.full((count, decoder.r), np.nan)
+    counts = np.zeros((count, 3), dtype=np.int64)
+    counts[:, 2] = Reason.INFINITE_START
+    seconds = np.full(count, np.nan)
+    limit = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
+    for i, frame in enumerate(frames):
+        state = (restarts.before(frame) if restarts is not None else None) or state
+        u = stepper.displacement(state) if tracker.needs_state(frame) else None
+        grabs = tracker.grabs(frame, u)
+        started = time.perf_counter()
+        state, solution = stepper.step(state, grabs)
+        seconds[i] = time.perf_counter() - started
+        counts[i] = solution.iterations, solution.evaluations, solution.reason
+        if solution.reason == Reason.INFINITE_START or not np.linalg.norm(state.q) < limit:
+            break
+        q[i], z[i] = state.q, state.z
+        if progress is not None:
+            progress()
+    latent = None if decoder.is_identity else z
+    return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds, q, latent)
+
+
+def run_full(
+    scene: Scene, motion: Motion, held: Held, frames: range, before: tuple[Array, Array], tolerance: float
+) -> Trajectory:
+    """Step through frames of a motion in the full space from the displacements of the two frames before, (n, 3)."""
+    stepper = FullStepper(scene, tolerance)
+    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
+    state = FullState(before[0], before[1], before[0])
+    counts = np.zeros((len(frames), 3), dtype=np.int64)
+    seconds = np.zeros(len(frames))
+    stepper.step(state, tracker.grabs(frames[0], state.u))
+    for i, frame in enumerate(frames):
+        grabs = tracker.grabs(frame, state.u)
+        started = time.perf_counter()
+        state, solution = stepper.step(state, grabs)
+        seconds[i] = time.perf_counter() - started
+        counts[i] = solution.iterations, solution.evaluations, solution.reason
+    return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds)
+
+
+def stretch(motion: Motion, count: int) -> range:
+    """The `count` frames from the first grab on, or as many as there are."""
+    first = min((drag.start for drag in motion.drags), default=0)
+    first = min(first, max(motion.frames - count, 0))
+    return range(first, min(first + count, motion.frames))
+
+
+def fastest(
+    make: Callable[[dict[str, bool]], ReducedStepper], scene: Scene, motion: Motion, held: Held
+) -> tuple[str, ReducedStepper]:
+    """The minimiser with the least median step on a trial stretch where no step fails; ties go to fewer failures."""
+    frames = range(stretch(motion, TRIAL_FRAMES).stop)
+    scores: dict[str, tuple[int, float]] = {}
+    steppers = {name: make(options) for name, options in MINIMISERS.items()}
+    for name, stepper in steppers.items():
+        run_reduced(stepper, scene, motion, held, frames[:2])
+        trial = run_reduced(stepper, scene, motion, held, frames)
+        part = trial.seconds[-TRIAL_FRAMES:]
+        failed = int((trial.reason != Reason.CONVERGED).sum())
+        scores[name] = (failed, float(np.nanmedian(part)) if np.isfinite(part).any() else np.inf)
+    best = min(scores, key=lambda name: scores[name])
+    return best, steppers[best]
+
+
+def with_errors(
+    trajectory: Trajectory, U: Array, snapshots: Callable[[int, int], NDArray[np.float32]], windowed: Trajectory
+) -> Trajectory:
+    """The trajectory with its vertex distances to the full-space snapshots, uninterrupted and windowed.
+
+    Args:
+        snapshots: frames start … stop − 1 of the full-space run, (frames, n, 3), metres.
+    """
+    assert trajectory.coordinates is not None and windowed.coordinates is not None
+    columns: list[Array] = []
+    for start in range(0, len(trajectory.coordinates), CHUNK):
+        part = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
+        full = snapshots(part.start, part.stop)
+        distance = _distances(trajectory.coordinates[part], U, full)
+        again = _distances(windowed.coordinates[part], U, full)
+        moved = np.linalg.norm(full.astype(np.float64), axis=2)
+        columns.append(
+            np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)])
+        )
+    mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
+    return replace(
+        trajectory,
+        mean_error=mean,
+        max_error=largest,
+        windowed_mean_error=windowed_mean,
+        mean_displacement=moved_mean,
+    )
+
+
+def _distances(q: Array, U: Array, full: NDArray[np.float32]) -> Array:
+    """Vertex distances between U q and the snapshots, (frames, n) metres; infinite where q is not finite."""
+    distance: Array = np.linalg.norm((q @ U.T).reshape(full.shape) - full, axis=2)
+    distance[~np.isfinite(q).all(axis=1)] = np.inf
+    return distance
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSpace:
+    """A reduced space to compare: its name, basis (3n, k), decoder, encoder and cubature."""
+
+    name: str
+    U: Array
+    decoder: Decoder
+    encoder: Encoder
+    cubature: CubatureSet
+
+    def state(self, metric: csr_array, u: Array, u_previous: Array) -> ReducedState:
+        """The reduced state nearest to the displacements of two frames, each (n, 3); q keeps their projections."""
+        q = coordinates(metric, self.U, np.stack([u.ravel(), u_previous.ravel()]))
+        guesses = self.encoder(q)
+        z = [nearest_latent(self.decoder, target, guess) for target, guess in zip(q, guesses, strict=True)]
+        return ReducedState(z[0], z[1], q[0], q[1])
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of a comparison, as `settings.SimulateSettings` declares them."""
+
+    tolerance: float
+    max_iterations: int
+    full_frames: int
+    window: float
+
+
+def compare_motion(
+    scene: Scene,
+    metric: csr_array,
+    spaces: Sequence[ReducedSpace],
+    motion: Motion,
+    held: Held,
+    snapshots: Callable[[int, int], NDArray[np.float32]],
+    options: Options,
+    progress: Callable[[], object],
+) -> Iterator[tuple[str, Trajectory, str]]:
+    """Run one motion in the full space (a stretch, for its time) and in each reduced space (whole, and windowed).
+
+    Yields the space's name, its trajectory and its minimiser.
+    """
+
+    def frame(i: int) -> Array:
+        if i < 0:
+            return np.zeros((scene.mesh.n_vertices, 3))
+        return np.asarray(snapshots(i, i + 1)[0], dtype=np.float64)
+
+    timed = stretch(motion, options.full_frames)
+    before = (frame(timed.start - 1), frame(timed.start - 2))
+    yield "full", run_full(scene, motion, held, timed, before, options.tolerance), "L-BFGS, turned factor"
+    every = max(round(options.window / scene.time_step), 1)
+    for space in spaces:
+
+        def make(minimiser: dict[str, bool], space: ReducedSpace = space) -> ReducedStepper:
+            return ReducedStepper(
+                scene,
+                space.U,
+                space.decoder,
+                space.cubature.points,
+                space.cubature.weights,
+                tolerance=options.tolerance,
+                max_iterations=options.max_iterations,
+                **minimiser,
+            )
+
+        def state(i: int, space: ReducedSpace = space) -> ReducedState:
+            return space.state(metric, frame(i), frame(i - 1))
+
+        name, stepper = fastest(make, scene, motion, held)
+        whole = range(motion.frames)
+        trajectory = run_reduced(stepper, scene, motion, held, whole, progress=progress)
+        windowed = run_reduced(stepper, scene, motion, held, whole, Restarts(every, state), progress=progress)
+        yield space.name, with_errors(trajectory, space.U, snapshots, windowed), name

@@ -1,0 +1,81 @@
+"""The oracles that the tests share, and a small scene to try them on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldsim.mechanics.materials import MATERIALS, lame_parameters
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.mesh import Mesh
+
+Array = NDArray[np.float64]
+STEPS = 1e-2 / 2.0 ** np.arange(7)
+
+
+def order(remainders: ArrayLike, steps: Array) -> float:
+    """The slope of remainders against steps, both logarithmic."""
+    return float(np.polyfit(np.log(steps), np.log(np.asarray(remainders)), 1)[0])
+
+
+def derivative_order(
+    f: Callable[[Array], ArrayLike], derivative: Callable[[Array], ArrayLike], x: Array, d: Array, size: float = 1.0
+) -> float:
+    """The order in h of ‖f(x + h d) − f(x) − h f'(x)·d‖: 2 if the derivative is right, 1 if not, ∞ if f is affine.
+
+    Args:
+        f: value, a number or an array.
+        derivative: x → f'(x)·d, the directional derivative along d, of the shape of f.
+        x, d: a state away from rest and a direction.
+        size: scales the steps, 1e-2 … 1.6e-4, to the problem.
+    """
+    steps = size * STEPS
+    start, slope = np.asarray(f(x)), np.asarray(derivative(x))
+    remainders = np.array([np.linalg.norm(np.asarray(f(x + h * d)) - start - h * slope) for h in steps])
+    if remainders.max() <= 1e-12 * (np.linalg.norm(start) + np.linalg.norm(slope) * steps[0]):
+        return np.inf
+    return order(remainders, steps)
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    """A rotation, (3, 3), uniform on SO(3)."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def jittered(mesh: Mesh, amount: float, seed: int = 0) -> Mesh:
+    """The mesh of a box with its inner vertices moved by up to `amount`, metres."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    inner = ((mesh.vertices > low + 1e-9) & (mesh.vertices < high - 1e-9)).all(axis=1)
+    offset = np.random.default_rng(seed).uniform(-amount, amount, mesh.vertices.shape)
+    return Mesh(mesh.vertices + offset * inner[:, None], mesh.cells, mesh.cell_type)
+
+
+def bent(mesh: Mesh, seed: int = 0, noise: float = 0.02) -> Array:
+    """A displacement far from rest that inverts nothing: the solid bent, stretched and stirred, (n, 3) metres."""
+    x = mesh.vertices
+    length = np.ptp(x[:, 0])
+    angle = 0.8 * (x[:, 0] - x[:, 0].min()) / length
+    curved = np.stack([1.1 * np.cos(angle) * x[:, 0], x[:, 1] + np.sin(angle) * x[:, 0], 0.95 * x[:, 2]], axis=1)
+    return curved - x + noise * mesh.diagonal / 10 * np.random.default_rng(seed).normal(size=x.shape)
+
+
+def scene(
+    mesh: Mesh,
+    material: str = "neo_hookean",
+    youngs_modulus: float = 1e5,
+    poisson_ratio: float = 0.4,
+    density: float = 1000.0,
+    gravity: tuple[float, float, float] = (0.0, -9.81, 0.0),
+    time_step: float = 0.01,
+) -> Scene:
+    """A scene of one material, pinned where x is smallest."""
+    mu, lam = lame_parameters(youngs_modulus, poisson_ratio)
+    ones = np.ones(mesh.n_cells)
+    x = mesh.vertices[:, 0]
+    kind = np.full(mesh.n_cells, MATERIALS[material], dtype=np.int8)
+    pinned = x < x.min() + 1e-9
+    return Scene(mesh, kind, mu * ones, lam * ones, density * ones, pinned, np.array(gravity), time_step)

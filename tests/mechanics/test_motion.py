@@ -1,0 +1,66 @@
+"""Drags: which vertices they take hold of, when, and when they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
+
+LINE = np.stack([np.arange(11) / 10, np.zeros(11), np.zeros(11)], axis=1)
+ALL_MOVE = np.ones(11, dtype=bool)
+
+
+def drag(start: int = 0, point: float = 0.52, frames: int = 3, radius: float = 0.15) -> Drag:
+    targets = np.arange(3.0 * frames).reshape(frames, 3)
+    return Drag(start, np.array([point, 0.0, 0.0]), targets, radius, stiffness=7.0)
+
+
+def test_a_drag_holds_the_vertices_around_the_one_nearest_to_its_point() -> None:
+    np.testing.assert_array_equal(held_vertices(drag(), LINE, ALL_MOVE, reach=0.1), [4, 5, 6])
+
+
+def test_pinned_vertices_are_not_held() -> None:
+    movable = ALL_MOVE.copy()
+    movable[5] = False
+    np.testing.assert_array_equal(held_vertices(drag(), LINE, movable, reach=0.1), [4, 6])
+
+
+def test_a_drag_of_pinned_vertices_alone_is_refused() -> None:
+    with pytest.raises(MotionError, match="frame 0 holds only pinned vertices"):
+        held_vertices(drag(), LINE, ~ALL_MOVE, reach=0.1)
+
+
+def test_a_drag_beyond_reach_is_refused_with_distance_and_reach() -> None:
+    with pytest.raises(MotionError, match=r"frame 4 hits no vertex: the nearest is 2 m .* allowed are 0.5 m"):
+        held_vertices(drag(start=4, point=3.0), LINE, ALL_MOVE, reach=0.5)
+
+
+def test_a_drag_is_active_from_its_start_for_as_many_frames_as_it_has_targets() -> None:
+    motion = Motion("two", 8, (drag(1, frames=3), drag(2, frames=4)))
+    assert [motion.active(frame) for frame in range(8)] == [[], [0], [0, 1], [0, 1], [1], [1], [], []]
+    assert [each.stop for each in motion.drags] == [4, 6]
+
+
+def test_each_frame_of_a_drag_pulls_to_its_own_target() -> None:
+    tracker = GrabTracker(Motion("one", 6, (drag(2),)), LINE, ALL_MOVE)
+    targets = [grab.target.tolist() for frame in range(6) for grab in tracker.grabs(frame)]
+    assert targets == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+    assert tracker.grabs(3)[0].stiffness == 7.0
+
+
+def test_vertices_are_settled_on_the_deformed_solid_when_the_drag_starts_and_kept() -> None:
+    tracker = GrabTracker(Motion("one", 3, (drag(0),)), LINE, ALL_MOVE)
+    shifted = np.tile([0.3, 0.0, 0.0], (11, 1))
+    assert tracker.needs_state(0)
+    np.testing.assert_array_equal(tracker.grabs(0, shifted)[0].vertices, [1, 2, 3])
+    assert not tracker.needs_state(1)
+    np.testing.assert_array_equal(tracker.grabs(1, 0 * shifted)[0].vertices, [1, 2, 3])
+
+
+def test_vertices_settled_before_are_taken_over_on_resuming() -> None:
+    motion = Motion("one", 3, (drag(0),))
+    tracker = GrabTracker(motion, LINE, ALL_MOVE, held={0: np.array([9])})
+    assert not tracker.needs_state(1)
+    np.testing.assert_array_equal(tracker.grabs(1)[0].vertices, [9])

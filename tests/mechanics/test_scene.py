@@ -1,0 +1,45 @@
+"""The scene refuses what is no well-posed problem and knows the weight of the solid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ldsim.errors import SceneError
+from ldsim.mesh.shapes import beam, voxel_mesh
+from tests.helpers import scene
+
+BEAM = beam(0.4, 0.1, 0.1, resolution=1)
+
+BAD_SCENES = {
+    "mu": ({"mu": np.zeros(BEAM.n_cells)}, "mu of a cell is 0; it must be positive"),
+    "density": ({"density": np.full(BEAM.n_cells, -1.0)}, "density of a cell is -1"),
+    "density not a number": ({"density": np.full(BEAM.n_cells, np.nan)}, "density of a cell is nan"),
+    "time step": ({"time_step": 0.0}, "time step is 0 s"),
+    "no pins": ({"pinned": np.zeros(BEAM.n_vertices, dtype=bool)}, "1 of 1 connected parts have no pinned vertex"),
+}
+
+
+@pytest.mark.parametrize("change, message", BAD_SCENES.values(), ids=BAD_SCENES.keys())
+def test_what_cannot_be_simulated_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        replace(scene(BEAM), **change)  # type: ignore[arg-type]
+
+
+def test_a_loose_part_is_refused_with_its_size() -> None:
+    row = np.array([1, 1, 0, 1], dtype=bool).reshape(4, 1, 1)
+    with pytest.raises(SceneError, match="1 of 2 connected parts have no pinned vertex, the first with 8 vertices"):
+        scene(voxel_mesh(row, 0.1))
+
+
+@pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
+def test_the_weight_is_that_of_the_solid_less_what_the_pins_carry(cell_type: str) -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 2, cell_type), gravity=(1.0, -2.0, 3.0), density=500.0)
+    lumped = np.asarray(body.mass.sum(axis=1)).ravel()
+    assert lumped.sum() == pytest.approx(500 * 0.4 * 0.1 * 0.1, rel=1e-12)
+    force = body.external_force
+    np.testing.assert_allclose(force.sum(axis=0), lumped[body.free].sum() * np.array([1.0, -2.0, 3.0]), rtol=1e-12)
+    assert not force[body.pinned].any()
+    np.testing.assert_array_equal(np.sort(np.concatenate([body.free, np.flatnonzero(body.pinned)])), range(len(force)))
