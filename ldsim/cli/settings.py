@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ldsim.artefacts.store import replacing
 from ldsim.errors import SettingsError
 from ldsim.settings import STAGES, dump, load_settings, stamp
 
@@ -29,8 +30,8 @@ def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
         click.echo(dump(settings), nl=False)
         return
     texts = {stage: stamp(settings, stage, config) for stage in STAGES}
-    stamps.mkdir(parents=True, exist_ok=True)
     for stage, text in texts.items():
         path = stamps / f"{stage}.yaml"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
+            with replacing(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")
