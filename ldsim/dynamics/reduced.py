@@ -4,7 +4,7 @@ One code path for the linear and the latent space: the linear space is the laten
 
     E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
-Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither the mesh nor the kind of element matters.
+Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither mesh nor kind of element matters.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Reduced(NamedTuple):
 
 
 class Springs(NamedTuple):
-    """The grabs of one step: B (g, 3, k) and c₀ (g, 3) with c(q) = c₀ + B q, targets (g, 3) metres, stiffness (g,) N/m."""
+    """The grabs of one step: B (g, 3, k) and c₀ (g, 3) with c(q) = c₀ + B q, targets (g, 3) m, stiffness (g,) N/m."""
 
     B: Array
     centre: Array
