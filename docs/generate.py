@@ -1,0 +1,209 @@
+"""Makes the pages of docs/ that follow from declarations: settings.md, schema.json and artefacts.md.
+
+`python docs/generate.py` writes them; a test compares the committed pages with what this file makes of the code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
+from ldsim.artefacts.store import HEADER
+from ldsim.cli.stage import FILES
+from ldsim.settings import DATA_VARIABLE, STAGES, Settings
+from ldsim.solvers.solution import Reason
+
+HERE = Path(__file__).parent
+MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
+Node = Mapping[str, Any]
+
+SETTINGS_INTRODUCTION = f"""# Settings
+
+A configuration is one YAML file: the name of the experiment and one section for each stage. This page lists every key.
+`ldsim settings FILE` checks a configuration and prints it with its defaults. An unknown key is refused, and the message
+names the nearest known one.
+
+A relative path is relative to the folder of the configuration. `${DATA_VARIABLE}` in a path stands for the environment
+variable of that name. A key in brackets, `pins[]`, is an entry of a list. "Required" means: required where its section
+is given. Lengths are in metres, times in seconds, unless the name of the key says otherwise. Write numbers with an
+exponent as `6.0e+4`; YAML reads `6e4` as text, which is then turned into a number.
+
+Editors that know the YAML language server complete and check keys against [schema.json](schema.json) when the first line
+of a configuration in `configs/` is
+
+    # yaml-language-server: $schema=../docs/schema.json
+
+The schema does not know rules about two keys at once, such as "exactly one of file, shape"; `ldsim settings` does.
+"""
+
+ARTEFACTS_INTRODUCTION = f"""# Artefacts
+
+Every stage writes one HDF5 file into `runs/<experiment>/`. A file is written under a temporary name and renamed when it
+is whole. `ldsim info FILE` prints its header and its datasets. This page describes schema version {SCHEMA_VERSION}.
+
+A type is a numpy type code: `f8` float64, `f4` float32, `i8` int64, `i4` int32, `i1` int8, `?` bool. A shape is a tuple
+of numbers and symbols; `()` is a scalar. The same symbol has the same value throughout a file, except in a path with
+`*`. There `*` stands for a name (of a motion, a space or a layer), and the symbols belong to that group alone.
+Reading a file checks its kind, its schema version, and the type and shape of every dataset. A dataset that is neither
+marked optional nor has a `*` in its path is always there.
+
+Degrees of freedom are vertex-major: x₀, y₀, z₀, x₁, … All units are SI. A `reason` is one of
+{", ".join(f"{reason.value} ({reason.words})" for reason in Reason)}.
+
+## Header
+
+Every file has these attributes on `/`.
+
+| attribute | meaning |
+|---|---|
+"""
+
+HEADER_MEANINGS = {
+    "kind": "one of " + ", ".join(f"`{kind}`" for kind in SCHEMAS),
+    "schema_version": "version of this page's tables",
+    "ldsim_version": "version of the program that wrote the file",
+    "created": "date and time, UTC",
+    "settings": "the section of the stage that wrote the file, as YAML with defaults",
+    "inputs": "JSON object: name of each artefact read → SHA-256 of its file",
+    "seed": "of everything random in the stage, −1 where nothing is",
+    "experiment, stage": "names",
+    "seconds, peak_memory_mb": "wall time of the stage; largest resident memory of one of its processes, 10⁶ bytes",
+}
+
+SYMBOLS = (
+    "n vertices · m cells · a nodes of a cell · s quadrature points · N frames (in `singular_values`: training snapshots) "
+    "· k PCA dimension · r latent dimension · c cubature points · D drags · T frames of all drags together · H held "
+    "vertices of all drags together · d = 3n · e = k + 1 · l sets of the ladder (in cubature.h5, a is the points of all sets "
+    "together) · i, o inputs and outputs of a layer."
+)
+
+NOTES = {
+    "snapshots": "Each group `motions/<name>` has the attributes `role` (`train` or `heldout`), `order` (its place in the "
+    "configuration) and `frames` (N). Drags and held vertices of all drags lie one after another; `drag_frames` and "
+    "`held_count` say where one ends.",
+    "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
+    "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
+    "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](theory.md)).",
+    "cubature": "The groups are `latent` and `linear`. A ladder holds sets of growing size and falling error; the last "
+    "is the one in `points` and `weights`. The header also has the seconds that each of the two fits took.",
+    "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space is "
+    "timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there on. The "
+    "header also names the minimiser that was fastest in each space.",
+}
+
+
+def pages() -> dict[Path, str]:
+    """Every generated page with its text."""
+    return {
+        HERE / "settings.md": settings_page(),
+        HERE / "schema.json": json.dumps(Settings.model_json_schema(), indent=2, ensure_ascii=False) + "\n",
+        HERE / "artefacts.md": artefacts_page(),
+    }
+
+
+def settings_page() -> str:
+    """docs/settings.md: one table a stage."""
+    schema = Settings.model_json_schema()
+    properties = schema["properties"]
+    text = MADE.format(source="ldsim/settings.py") + SETTINGS_INTRODUCTION
+    text += "\n## experiment\n\n" + _settings_table(_rows("experiment", properties["experiment"], schema, True))
+    for stage in STAGES:
+        section = _resolved(properties[stage], schema)
+        about = str(section.get("description", ""))
+        text += f"\n## {stage}\n\n" + (f"{about}\n\n" if about else "")
+        text += _settings_table(row for key in section["properties"] for row in _key_rows(stage, key, section, schema))
+    return text
+
+
+def _settings_table(rows: Iterator[tuple[str, ...]]) -> str:
+    lines = ["| key | type | default | allowed | meaning |", "|---|---|---|---|---|"]
+    return "\n".join(lines + [f"| {' | '.join(row)} |" for row in rows]) + "\n"
+
+
+def _key_rows(path: str, key: str, section: Node, schema: Node) -> Iterator[tuple[str, ...]]:
+    return _rows(f"{path}.{key}", section["properties"][key], schema, key in section.get("required", ()))
+
+
+def _rows(path: str, node: Node, schema: Node, required: bool) -> Iterator[tuple[str, ...]]:
+    """The row of one key, and those of the keys below it."""
+    inner = _without_null(node)
+    default = "required" if required else _default(node)
+    meaning = str(node.get("description", "")).replace("<", "&lt;")
+    yield f"`{path}`", _type(inner), default, _allowed(inner), meaning
+    below, brackets = (inner["items"], "[]") if "items" in inner else (inner, "")
+    section = _resolved(below, schema)
+    for key in section.get("properties", ()):
+        yield from _key_rows(path + brackets, key, section, schema)
+
+
+def _resolved(node: Node, schema: Node) -> Node:
+    reference = node.get("$ref")
+    found: Node = schema["$defs"][reference.rsplit("/", 1)[-1]] if reference else node
+    return found
+
+
+def _without_null(node: Node) -> Node:
+    """What a value is where it is given."""
+    options = [option for option in node.get("anyOf", ()) if option.get("type") != "null"]
+    return options[0] if options else node
+
+
+def _type(node: Node) -> str:
+    if "$ref" in node:
+        return "section"
+    if "prefixItems" in node:
+        return f"{len(node['prefixItems'])} numbers"
+    if "items" in node:
+        items = _type(node["items"])
+        return f"list of {items}s" if not items.endswith("text") else "list of texts"
+    names = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false"}
+    return names[node["type"]]
+
+
+def _default(node: Node) -> str:
+    value = node.get("default")
+    return "left out" if value is None else f"`{json.dumps(value)}`".replace('"', "")
+
+
+def _allowed(node: Node) -> str:
+    if "enum" in node:
+        return ", ".join(f"`{value}`" for value in node["enum"])
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    limits = [f"{sign} {node[name]:g}" for name, sign in signs.items() if name in node]
+    if "prefixItems" not in node and "minItems" in node:
+        limits.append(f"at least {node['minItems']}")
+    if "pattern" in node:
+        limits.append("letters, digits, `_`, `.`, `-`")
+    if "items" in node and "$ref" not in node["items"]:
+        limits.append(_allowed(node["items"]))
+    return ", ".join(limit for limit in limits if limit)
+
+
+def artefacts_page() -> str:
+    """docs/artefacts.md: the header and one table a kind."""
+    missing = [name for name in HEADER if name not in HEADER_MEANINGS]
+    assert not missing, f"describe the header's attributes {missing}"
+    text = MADE.format(source="ldsim/artefacts/schema.py") + ARTEFACTS_INTRODUCTION
+    text += "".join(f"| {name} | {meaning} |\n" for name, meaning in HEADER_MEANINGS.items())
+    text += f"\n## Symbols\n\n{SYMBOLS}\n"
+    for stage, (kind, file) in zip(STAGES, FILES.items(), strict=False):
+        text += f"\n## {file}\n\nKind `{kind}`, written by `ldsim {stage}`."
+        text += f" {NOTES[kind]}\n\n" if kind in NOTES else "\n\n"
+        text += "| dataset | type | shape | unit | meaning |\n|---|---|---|---|---|\n"
+        text += "".join(_dataset_row(entry) for entry in SCHEMAS[kind])
+    return text
+
+
+def _dataset_row(entry: Dataset) -> str:
+    shape = ", ".join(str(size) for size in entry.shape) + ("," if len(entry.shape) == 1 else "")
+    meaning = entry.meaning + (" (optional)" if entry.optional else "")
+    return f"| `{entry.path}` | `{entry.dtype}` | ({shape}) | {entry.unit} | {meaning} |\n"
+
+
+if __name__ == "__main__":
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+        print(path)
