@@ -20,6 +20,14 @@ from numpy.typing import NDArray
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.errors import ArtefactError
 
+STAGE_OF = {
+    "scene": "mesh",
+    "snapshots": "snapshot",
+    "basis": "pca",
+    "model": "train",
+    "cubature": "cubature",
+    "simulation": "simulate",
+}
 HEADER = ("kind", "schema_version", "ldsim_version", "created", "settings", "inputs", "seed")
 
 
@@ -189,8 +197,8 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         ArtefactError: the file is missing, truncated or not an artefact, or of another kind or schema version.
     """
     if not path.is_file():
-        stage = {"scene": "mesh", "snapshots": "snapshot", "basis": "pca", "model": "train"}.get(kind or "", kind)
-        raise ArtefactError(f"{path} does not exist; run `ldsim {stage}` first" if kind else f"{path} does not exist")
+        hint = f"; run `ldsim {STAGE_OF[kind]}` first" if kind else ""
+        raise ArtefactError(f"{path} does not exist{hint}")
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -201,10 +209,10 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         missing = [name for name in HEADER if name not in file.attrs]
         if missing:
             raise ArtefactError(f"{path} is not an ldsim artefact: it lacks the attribute {missing[0]!r}")
-        found, version = str(file.attrs["kind"]), int(file.attrs["schema_version"])
+        found, version = str(file.attrs["kind"]), str(file.attrs["schema_version"])
         if kind is not None and found != kind:
             raise ArtefactError(f"{path} holds {found!r}; expected {kind!r}")
-        if version != SCHEMA_VERSION:
+        if version != str(SCHEMA_VERSION):
             raise ArtefactError(
                 f"{path} has schema version {version}; this ldsim reads {SCHEMA_VERSION}; delete it and run make"
             )
@@ -269,6 +277,9 @@ def check_datasets(file: h5py.File, kind: str, path: Path) -> None:
     if kind not in SCHEMAS:
         raise ArtefactError(f"{path} holds the unknown kind {kind!r}; known are {', '.join(SCHEMAS)}")
     names = dataset_names(file)
+    unknown = [name for name in names if not any(_matches(name, entry.path) for entry in SCHEMAS[kind])]
+    if unknown:
+        raise ArtefactError(f"{path} holds the dataset {unknown[0]!r}, which a {kind} artefact does not have")
     symbols: dict[tuple[str, str], int] = {}
     for entry in SCHEMAS[kind]:
         matches = [name for name in names if _matches(name, entry.path)]
@@ -277,9 +288,6 @@ def check_datasets(file: h5py.File, kind: str, path: Path) -> None:
             raise ArtefactError(f"{path} lacks the dataset {lacking[0]!r}; it is damaged, delete it and run make")
         for name in matches:
             _check_dataset(file[name], entry, name, path, symbols)
-    unknown = [name for name in names if not any(_matches(name, entry.path) for entry in SCHEMAS[kind])]
-    if unknown:
-        raise ArtefactError(f"{path} holds the dataset {unknown[0]!r}, which a {kind} artefact does not have")
 
 
 def _lacking(entry: Dataset, matches: list[str], names: list[str]) -> list[str]:

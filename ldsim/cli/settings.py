@@ -6,12 +6,14 @@ from pathlib import Path
 
 import click
 
+from ldsim import __version__
 from ldsim.artefacts.store import replacing
 from ldsim.errors import SettingsError
 from ldsim.settings import STAGES, dump, load_settings, stamp
 
 
 @click.command("settings", help="Check a configuration and print it with defaults.")
+@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("config", type=click.Path(path_type=Path))
 @click.option(
     "--stamps",
