@@ -1,7 +1,7 @@
 """Where numba keeps compiled kernels: one folder for each state of the sources.
 
-Numba's disk cache looks only at the file of the kernel itself. A kernel that calls one of another file would go on running
-the old code after that file has changed; a changed material once ran as another one without a word.
+Numba's disk cache looks only at the file of the kernel itself. A kernel that calls one of another file would go on
+running the old code after that file has changed; a changed material once ran as another one without a word.
 """
 
 from __future__ import annotations

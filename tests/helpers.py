@@ -87,7 +87,7 @@ def scene(
 def full_disk(size: int) -> Iterator[None]:
     """For the block, every write beyond `size` bytes of a file fails, in this process and those that it starts.
 
-    As near to a full disk as one comes without being root: to the writer, EFBIG differs from ENOSPC in its number alone.
+    As near to a full disk as one comes without being root: for the writer, EFBIG differs from ENOSPC in its number.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))

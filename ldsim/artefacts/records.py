@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.store import Header, read_header, reading, write
+from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.reduction.cubature.fit import CubatureSet
@@ -195,6 +196,10 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]
 def read_cubature(path: Path) -> tuple[dict[str, StoredCubature], Header]:
     """Read cubature.h5."""
     with reading(path, "cubature") as file:
+        lacking = [space for space in ("latent", "linear") if space not in file]
+        if lacking:
+            name = f"{lacking[0]}/points"
+            raise ArtefactError(f"{path} lacks the dataset {name!r}; it is damaged, delete it and run make")
         spaces = {space: _stored_cubature(file[space]) for space in file}
         return spaces, read_header(file)
 

@@ -86,11 +86,20 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(path)
             yield temporary
             os.replace(temporary, path)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove the temporary files of processes that were killed while they wrote this artefact."""
+    for leftover in path.parent.glob(f".{path.name}.*.partial"):
+        writer = leftover.name.split(".")[-2]
+        if writer.isdecimal() and not Path("/proc", writer).exists():
+            leftover.unlink(missing_ok=True)
 
 
 class _Sink(io.RawIOBase):
@@ -250,10 +259,12 @@ def check_inputs(path: Path, header: Header, given: Mapping[str, Path]) -> None:
     """Refuse an artefact that was made from other files than the given ones.
 
     Raises:
-        ArtefactError: naming the artefact, the input whose hash differs, and what to do.
+        ArtefactError: naming the artefact, the input whose hash differs, and what to do; or an input cannot be read.
     """
     for name, source in given.items():
         recorded = header.inputs.get(name)
+        with reading(source, name):
+            pass
         if recorded is not None and recorded != file_hash(source):
             raise ArtefactError(
                 f"{path} was made from another {name} than {source} (SHA-256 {recorded[:12]}… recorded); "

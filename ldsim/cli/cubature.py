@@ -22,8 +22,9 @@ from ldsim.threads import one_thread
 def command(run: Run) -> None:
     settings = run.settings.cubature
     scene, _ = read_scene(run.path("scene"))
-    stored, _ = read_basis(run.path("basis"))
+    stored, basis_header = read_basis(run.path("basis"))
     model, header = read_model(run.path("model"))
+    run.check("basis", basis_header, "scene")
     run.check("model", header, "snapshots", "basis")
     U = stored.basis.U
     metric = inner_product(scene.mass, run.settings.pca.inner_product)

@@ -26,7 +26,7 @@ def command(run: Run) -> None:
     stored, _ = read_basis(run.path("basis"))
     model, _ = read_model(run.path("model"))
     cubature, header = read_cubature(run.path("cubature"))
-    run.check("cubature", header, "scene", "basis", "model")
+    run.check("cubature", header, "scene", "snapshots", "basis", "model")
     U = stored.basis.U
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
     narrow = np.ascontiguousarray(U[:, : model.kp])

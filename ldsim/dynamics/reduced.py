@@ -261,7 +261,7 @@ def _current_tangent(model: Reduced, work: Work) -> None:
 
 @njit(cache=True, nogil=True)
 def _stress_directions(model: Reduced, F: Array, s: int, X: Array, T: Array) -> None:
-    """Overwrites point s of every X_a by its strain in the singular frame, and T_a by w times the tangent applied to it."""
+    """Overwrites point s of every X_a by its strain in the singular frame, T_a by w times the tangent applied to it."""
     i = 9 * s
     deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
     U, V, D, O = tangent(model.kind[s], deformation, model.mu[s], model.lam[s], True)

@@ -265,3 +265,15 @@ def test_values_that_do_not_fit_the_schema_are_not_written(tmp_path: Path) -> No
     with pytest.raises(ArtefactError, match="dataset 'U': found type float32, expected float64"):
         store.write(tmp_path / "basis.h5", header("basis"), {"U": np.eye(3, dtype=np.float32)})
     assert not list(tmp_path.iterdir())
+
+
+@every_kind
+def test_what_a_killed_writer_left_is_removed_by_the_next(kind: str, artefact: Path) -> None:
+    ours, dead = (artefact.with_name(f".{artefact.name}.{number}.partial") for number in (os.getpid(), 2**22 + 1))
+    dead.write_bytes(b"half a file")
+    living = artefact.with_name(f".{artefact.name}.{os.getppid()}.partial")
+    living.write_bytes(b"somebody is writing")
+    EXAMPLES[kind].write(artefact, header(kind))
+    assert not dead.exists()
+    assert not ours.exists()
+    assert living.read_bytes() == b"somebody is writing"

@@ -119,7 +119,7 @@ ARTEFACTS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
     "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), ("is not a readable HDF5 file",)),
     "foreign": (lambda path: path.write_text("Vertices\n5\n"), ("is not a readable HDF5 file",)),
     "of another kind": (replace_kind, ("; expected '",)),
-    "of another experiment": (replace_experiment, ("belongs to the experiment 'other'", "belongs to another experiment")),
+    "of another experiment": (replace_experiment, ("the experiment 'other'", "belongs to another experiment")),
     "without a group": (drop_dataset, ("lacks the dataset",)),
 }
 
@@ -170,7 +170,7 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "a surface": (mesh_file("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), "holds no tetrahedra"),
     "inverted cells": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 2 3 5")), "mesh.reorient"),
     "flat cells": (mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5")), "volume"),
-    "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "not finite"),
+    "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "must be finite"),
     "vertices out of range": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 3 2 9")), "a.mesh"),
     "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, cross"),
     "pins that hold nothing": (

@@ -1,0 +1,176 @@
+"""Motions side by side: whoever is killed goes on where it was, and nobody sees a difference."""
+
+from __future__ import annotations
+
+import copy
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from ldsim.artefacts.records import read_scene
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.ensemble import SolverOptions, run_motions
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, Motion
+from tests.cli.experiments import TINY
+
+WAIT = 60.0
+FRAMES = 160
+MOTIONS = ("a", "b")
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two motions of some hundred frames, and their scene in runs/tiny of two folders, undisturbed and killed."""
+    folder = tmp_path_factory.mktemp("ensemble")
+    content = copy.deepcopy(TINY)
+    pulls = {"count": FRAMES // 20, "reach": 0.08, "frames": 12, "rest": 8}
+    content["snapshot"] = {"motions": [{"name": name, "pulls": pulls | {"seed": i}} for i, name in enumerate(MOTIONS)]}
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    subprocess.run([*ldsim("mesh", path), "--runs", str(folder / "undisturbed")], check=True, capture_output=True)
+    subprocess.run([*ldsim("snapshot", path), "--runs", str(folder / "undisturbed")], check=True, capture_output=True)
+    return path
+
+
+def ldsim(command: str, config: Path) -> list[str]:
+    return [sys.executable, "-m", "ldsim", command, str(config)]
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.002)
+
+
+def seconds_so_far(folder: Path, name: str) -> NDArray[np.float64]:
+    """The wall times of the frames that a checkpoint holds; no two runs have the same."""
+    with h5py.File(folder / f"{name}.checkpoint.h5", "r") as file:
+        times: NDArray[np.float64] = file["seconds"][:]
+        return times
+
+
+def group_is_gone(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def kill_group(process: subprocess.Popen[bytes]) -> None:
+    os.killpg(process.pid, signal.SIGKILL)
+
+
+def kill_parent(process: subprocess.Popen[bytes]) -> None:
+    os.kill(process.pid, signal.SIGKILL)
+
+
+def interrupt_group(process: subprocess.Popen[bytes]) -> None:
+    """What Ctrl-C does."""
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def terminate_parent(process: subprocess.Popen[bytes]) -> None:
+    os.kill(process.pid, signal.SIGTERM)
+
+
+@pytest.mark.parametrize("kill", [kill_group, kill_parent, interrupt_group, terminate_parent])
+def test_a_killed_run_goes_on_where_it_was_and_ends_as_an_undisturbed_one(
+    config: Path, tmp_path: Path, kill: Callable[[subprocess.Popen[bytes]], None]
+) -> None:
+    undisturbed, run = config.parent / "undisturbed" / "tiny", tmp_path / "tiny"
+    run.mkdir()
+    (run / "scene.h5").write_bytes((undisturbed / "scene.h5").read_bytes())
+    partial, command = run / "snapshots.partial", [*ldsim("snapshot", config), "--runs", str(tmp_path)]
+    frame_bytes = read_scene(run / "scene.h5")[0].mesh.n_vertices * 12
+
+    with subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
+        for name in MOTIONS:
+            path = partial / f"{name}.frames"
+            wait_until(lambda path=path: path.exists() and path.stat().st_size > 20 * frame_bytes)
+        kill(first)
+        _, stderr = first.communicate()
+    wait_until(lambda: group_is_gone(first.pid))
+    assert b"Traceback" not in stderr
+
+    reached = {name: seconds_so_far(partial, name) for name in MOTIONS}
+    for times in reached.values():
+        assert 0 < len(times) < FRAMES
+    subprocess.run(command, check=True, capture_output=True)
+    assert not list(partial.glob("*"))
+
+    with Snapshots(run / "snapshots.h5") as resumed, Snapshots(undisturbed / "snapshots.h5") as whole:
+        assert resumed.names == whole.names
+        for name in MOTIONS:
+            a, b = resumed.recorded(name), whole.recorded(name)
+            assert np.array_equal(resumed.reader(name)(0, FRAMES), whole.reader(name)(0, FRAMES))
+            assert np.array_equal(a.iterations, b.iterations)
+            assert np.array_equal(a.evaluations, b.evaluations)
+            assert {i: v.tolist() for i, v in a.held.items()} == {i: v.tolist() for i, v in b.held.items()}
+            assert np.array_equal(a.seconds[: len(reached[name])], reached[name])
+
+
+def still(name: str, frames: int) -> Motion:
+    """A motion without a grab: the solid sags and swings."""
+    return Motion(name, frames, ())
+
+
+def far_off(name: str) -> Motion:
+    """A motion whose grab hits nothing."""
+    return Motion(name, 3, (Drag(0, np.full(3, 9.0), np.full((3, 3), 9.0), 0.03, 30.0, at_rest=True),))
+
+
+def frames_of(path: Path) -> int:
+    with h5py.File(path, "r") as file:
+        return len(file["seconds"])
+
+
+def test_motions_that_share_a_scene_do_not_share_anything_else(config: Path, tmp_path: Path) -> None:
+    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+    for folder, names in (("alone", ["m"]), ("beside", ["l", "m", "n"])):
+        motions = [still(name, 10) for name in names]
+        run_motions(scene, tmp_path / folder, motions, SolverOptions(1e-6, 25, 500), 2, lambda *_: None)
+    assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "m.frames").read_bytes()
+    assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "l.frames").read_bytes()
+
+
+def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(config: Path, tmp_path: Path) -> None:
+    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+    motions = [still("good", 10), far_off("bad")]
+    with pytest.raises(MotionError, match="hits no vertex"):
+        run_motions(scene, tmp_path, motions, SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+    assert frames_of(tmp_path / "good.checkpoint.h5") == 10
+
+
+@pytest.mark.parametrize(
+    "options", [SolverOptions(1e-5, 25, 500), SolverOptions(1e-6, 20, 500)], ids=["tolerance", "cost of a factor"]
+)
+def test_other_settings_start_anew(config: Path, tmp_path: Path, options: SolverOptions) -> None:
+    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+    run_motions(scene, tmp_path, [still("m", 6)], SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+    first = seconds_so_far(tmp_path, "m")
+    run_motions(scene, tmp_path, [still("m", 6)], SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+    assert np.array_equal(seconds_so_far(tmp_path, "m"), first)
+    run_motions(scene, tmp_path, [still("m", 6)], options, 1, lambda *_: None)
+    assert not np.array_equal(seconds_so_far(tmp_path, "m"), first)
+
+
+def test_progress_ends_with_all_frames_and_nothing_unfinished(config: Path, tmp_path: Path) -> None:
+    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+    calls: list[tuple[int, int]] = []
+    motions = [still("m", 6), still("n", 4)]
+    run_motions(scene, tmp_path, motions, SolverOptions(1e-6, 25, 500), 1, lambda *call: calls.append(call))
+    assert calls[-1] == (10, 0)
+    assert calls == sorted(calls, key=lambda call: call[0])
