@@ -99,7 +99,8 @@ def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOp
         started = time.perf_counter()
         for _, state, solution in run(stepper, tracker, _state(checkpoint), frames):
             seconds.append(time.perf_counter() - started)
-            for name, value in zip(statistics, (solution.iterations, solution.evaluations, solution.reason), strict=True):
+            record = (solution.iterations, solution.evaluations, solution.reason)
+            for name, value in zip(statistics, record, strict=True):
                 statistics[name].append(int(value))
             store.append(state.u)
             store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))

@@ -229,8 +229,8 @@ def _known_keys(location: tuple[int | str, ...]) -> list[str]:
     for part in location:
         if isinstance(part, int):
             continue
-        found = [_sections_in(section.model_fields[part].annotation) for section in sections if part in section.model_fields]
-        sections = [inner for group in found for inner in group]
+        fields = [section.model_fields[part] for section in sections if part in section.model_fields]
+        sections = [inner for field in fields for inner in _sections_in(field.annotation)]
     return [key for section in sections for key in section.model_fields]
 
 

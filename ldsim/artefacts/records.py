@@ -120,8 +120,8 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         "loss": model.loss,
         "search": model.search,
         "errors": model.errors,
-        "kp": np.int64(model.kp),
-        "best_epoch": np.int64(model.best_epoch),
+        "kp": model.kp,
+        "best_epoch": model.best_epoch,
     }
     for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
         datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias

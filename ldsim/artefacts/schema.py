@@ -1,7 +1,7 @@
-"""What each kind of artefact holds: every dataset with its type and shape (docs/artefacts.md is made from this table).
+"""What each kind of artefact holds: every dataset with its type and shape; docs/artefacts.md comes from this table.
 
-A shape is a tuple of numbers and symbols; the same symbol has the same value throughout a file. `*` in a path stands for
-a name, and symbols inside such a group are its own.
+A shape is a tuple of numbers and symbols; the same symbol has the same value throughout a file. `*` in a path stands
+for a name, and symbols inside such a group are its own.
 """
 
 from __future__ import annotations

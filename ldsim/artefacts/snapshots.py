@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.schema import SCHEMAS
 from ldsim.artefacts.store import Header, check_datasets, read_header, reading, replacing, write_header
 from ldsim.mechanics.motion import Drag, Motion
 
@@ -226,9 +225,10 @@ class MotionStore:
         self._checkpoint_path.unlink(missing_ok=True)
 
 
-def write_snapshots(path: Path, header: Header, stores: list[tuple[MotionStore, Motion, str]], n_vertices: int) -> None:
+def write_snapshots(
+    path: Path, header: Header, stores: Sequence[tuple[MotionStore, Motion, str]], n_vertices: int
+) -> None:
     """Gather finished runs into snapshots.h5 and remove their partial files."""
-    assert "snapshots" in SCHEMAS
     with replacing(path) as temporary, h5py.File(temporary, "w") as file:
         write_header(file, header)
         for order, (store, motion, role) in enumerate(stores):

@@ -113,7 +113,9 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        raise ArtefactError(f"{path} is not a readable HDF5 file (truncated or foreign); delete it and run make") from error
+        raise ArtefactError(
+            f"{path} is not a readable HDF5 file (truncated or foreign); delete it and run make"
+        ) from error
     with file:
         missing = [name for name in HEADER if name not in file.attrs]
         if missing:
@@ -122,7 +124,9 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         if kind is not None and found != kind:
             raise ArtefactError(f"{path} holds {found!r}; expected {kind!r}")
         if version != SCHEMA_VERSION:
-            raise ArtefactError(f"{path} has schema version {version}; this ldsim reads {SCHEMA_VERSION}; run make again")
+            raise ArtefactError(
+                f"{path} has schema version {version}; this ldsim reads {SCHEMA_VERSION}; delete it and run make"
+            )
         check_datasets(file, found, path)
         try:
             yield file

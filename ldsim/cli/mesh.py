@@ -33,8 +33,8 @@ def command(run: Run) -> None:
     write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
     run.done(
         "scene",
-        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned, "
-        f"{scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
+        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
+        f", {scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
     )
 
 

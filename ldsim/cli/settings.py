@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ldsim.errors import SettingsError
 from ldsim.settings import STAGES, dump, load_settings, stamp
 
 
@@ -16,8 +17,14 @@ from ldsim.settings import STAGES, dump, load_settings, stamp
     type=click.Path(path_type=Path),
     help="Instead, write one file a stage with all it depends on, touching only those that changed (for make).",
 )
-def command(config: Path, stamps: Path | None) -> None:
+@click.option("--experiment", help="Refuse a configuration of another experiment (for make).")
+def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
     settings = load_settings(config)
+    if experiment not in (None, settings.experiment):
+        raise SettingsError(
+            f"configuration {config}: experiment is {settings.experiment!r}, expected {experiment!r}; make finds the "
+            "files of an experiment by the name of its configuration"
+        )
     if stamps is None:
         click.echo(dump(settings), nl=False)
         return

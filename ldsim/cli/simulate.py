@@ -50,7 +50,7 @@ def command(run: Run) -> None:
                     runs[space][name] = trajectory
                     minimisers[f"{space}_minimiser"] = minimiser
     inputs = ("scene", "snapshots", "basis", "model", "cubature")
-    write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, **minimisers), runs)
+    write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, -1, **minimisers), runs)
     run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
     _warn_of_failed_steps(runs)
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Never
 
 import click
 from tqdm import tqdm
@@ -50,7 +51,9 @@ class Run:
             )
         check_inputs(path, header, {name: self.path(name) for name in inputs})
 
-    def header(self, kind: str, stage: str, inputs: tuple[str, ...], seed: int = -1, **notes: str | float | int) -> Header:
+    def header(
+        self, kind: str, stage: str, inputs: tuple[str, ...], seed: int = -1, **notes: str | float | int
+    ) -> Header:
         """The header of the artefact that a stage writes."""
         return Header(
             kind,
@@ -94,7 +97,7 @@ def stage_command(name: str, description: str) -> Callable[[Callable[[Run], None
 
 
 @contextmanager
-def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqdm]:
+def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqdm[Never]]:
     """A progress bar on stderr, slow to refresh where nobody watches."""
     interval = 0.2 if sys.stderr.isatty() else 10.0
     with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True, leave=True) as bar:

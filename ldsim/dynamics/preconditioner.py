@@ -1,9 +1,9 @@
 """The full-space preconditioner: a factor of the Hessian at an earlier state, turned along with the solid.
 
-H = M/h² + K(u), eigenvalues clamped, is factorised at some state of the motion. Where the solid has since rotated, K has
-rotated with it: K(u) ≈ R K(u_f) Rᵀ with one rotation a vertex, as in stiffness warping (Müller et al. 2002). Turning the
-right-hand side into the factor's frame and back costs little and lets one factor serve four times as long. Grabs add
-Σ k AᵀA of rank three each, included by Woodbury's identity.
+H = M/h² + K(u), eigenvalues clamped, is factorised at some state of the motion. Where the solid has since rotated, K
+has rotated with it: K(u) ≈ R K(u_f) Rᵀ with one rotation a vertex, as in stiffness warping (Müller et al. 2002).
+Turning the right-hand side into the factor's frame and back costs little and lets one factor serve four times as long.
+Grabs add Σ k AᵀA of rank three each, included by Woodbury's identity.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ One code path for the linear and the latent space: the linear space is the laten
 
     E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
-Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither the mesh nor the kind of element matters.
+Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither mesh nor kind of element matters.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Reduced(NamedTuple):
 
 
 class Springs(NamedTuple):
-    """The grabs of one step: B (g, 3, k) and c₀ (g, 3) with c(q) = c₀ + B q, targets (g, 3) metres, stiffness (g,) N/m."""
+    """The grabs of one step: B (g, 3, k) and c₀ (g, 3) with c(q) = c₀ + B q, targets (g, 3) m, stiffness (g,) N/m."""
 
     B: Array
     centre: Array
@@ -72,6 +72,8 @@ class Work(NamedTuple):
     jacobian: Array
     product: Array
     hessian: Array
+    directions: Array
+    stressed: Array
     S: Array
     Y: Array
     rho: Array
@@ -81,23 +83,31 @@ class Work(NamedTuple):
 class Options(NamedTuple):
     """How to minimise: L-BFGS, or Newton with the decoder's second derivative dropped.
 
-    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). current: precondition with the tangent at the current state, not
-    at rest. newton: renew it in every iteration and keep no memory.
+    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). current: precondition with the tangent at a state of the motion,
+    not at rest. newton: renew it in every iteration and keep no memory. renewal: iterations after which L-BFGS renews
+    the preconditioner within a step and starts its memory anew.
     """
 
     tolerance: float
     max_iterations: int
     current: bool
     newton: bool
+    renewal: int
 
 
 @njit(cache=True, nogil=True)
 def _strains(G: Array, q: Array, F: Array) -> None:
     """F = I + G q for all points, (9c,)."""
+    _directional_strains(G, q, F)
+    F[0::9] += 1.0
+    F[4::9] += 1.0
+    F[8::9] += 1.0
+
+
+@njit(cache=True, nogil=True)
+def _directional_strains(G: Array, q: Array, F: Array) -> None:
+    """F = G q for all points, (9c,); four rows at a time, so that F is loaded less often."""
     F[:] = 0.0
-    F[0::9] = 1.0
-    F[4::9] = 1.0
-    F[8::9] = 1.0
     k = q.shape[0]
     even = k - k % 4
     for j in range(0, even, 4):
@@ -189,103 +199,93 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
     return value
 
 
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _inner(a: Array, b: Array) -> float:
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
+    """H = J metric Jᵀ for J (r, k), by way of product = J metric."""
+    r, k = J.shape
+    for a in range(r):
+        row = product[a]
+        row[:] = 0.0
+        for i in range(k):
+            x = J[a, i]
+            column = metric[i]
+            for j in range(k):
+                row[j] += x * column[j]
+    for a in range(r):
+        for b in range(a + 1):
+            H[a, b] = _inner(product[a], J[b])
+            H[b, a] = H[a, b]
+
+
 @njit(cache=True, nogil=True)
 def _rest_metric(model: Reduced, work: Work) -> None:
     """hessian = Jᵀ metric J, the preconditioner of the design (paper, Eq. 15, with inertia)."""
-    J, product, H = work.jacobian, work.product, work.hessian
-    r, k = J.shape
     if model.layers.sizes.shape[0] == 1:
-        H[:] = model.metric
-        return
-    for a in range(r):
-        product[a] = 0.0
-        for i in range(k):
-            x = J[a, i]
-            row = model.metric[i]
-            for j in range(k):
-                product[a, j] += x * row[j]
-    for a in range(r):
-        for b in range(a + 1):
-            total = 0.0
-            for j in range(k):
-                total += product[a, j] * J[b, j]
-            H[a, b] = total
-            H[b, a] = total
-
-
-@njit(cache=True, nogil=True)
-def _unit(index: int) -> tuple[float, float, float]:
-    return (1.0 if index == 0 else 0.0, 1.0 if index == 1 else 0.0, 1.0 if index == 2 else 0.0)
+        work.hessian[:] = model.metric
+    else:
+        _project_metric(model.metric, work.jacobian, work.product, work.hessian)
 
 
 @njit(cache=True, nogil=True)
 def _current_tangent(model: Reduced, work: Work) -> None:
     """hessian = Jᵀ (M̃/h² + Σ w Gᵀ ∂²Ψ/∂F² G) J at work.q, eigenvalues clamped at every point.
 
-    In the frame of the singular vectors, X = Uᵀ (G_s J_a) V has nine entries for each latent direction a.
+    The tangent of point s, halved by its square root in the frame of the singular vectors, would do; cheaper is to turn
+    the strains of all latent directions, X_a = Uᵀ (G_s J_a) V, into that frame, where the tangent is sparse.
     """
-    J, H = work.jacobian, work.hessian
-    r, k = J.shape
-    X, T = work.product[:, :9], work.product[:, 9:18]
-    identity = model.layers.sizes.shape[0] == 1
-    for a in range(r):
-        for b in range(a + 1):
-            total = 0.0
-            if identity:
-                total = model.inertia[a, b]
-            else:
-                for i in range(k):
-                    row = 0.0
-                    for j in range(k):
-                        row += model.inertia[i, j] * J[b, j]
-                    total += J[a, i] * row
-            H[a, b] = total
+    J, H, X, T = work.jacobian, work.hessian, work.directions, work.stressed
+    r = J.shape[0]
+    if model.layers.sizes.shape[0] == 1:
+        H[:] = model.inertia
+        X[:] = model.G
+    else:
+        _project_metric(model.inertia, J, work.product, H)
+        for a in range(r):
+            _directional_strains(model.G, J[a], X[a])
     _strains(model.G, work.q, work.F)
     for s in range(model.weights.shape[0]):
-        i = 9 * s
-        F = work.F
-        deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
-        U, V, D, O = tangent(model.kind[s], deformation, model.mu[s], model.lam[s], True)
-        w = model.weights[s]
-        for a in range(r):
-            if identity:
-                for e in range(9):
-                    T[a, e] = model.G[a, i + e]
-            else:
-                for e in range(9):
-                    T[a, e] = 0.0
-                for j in range(k):
-                    x = J[a, j]
-                    row = model.G[j]
-                    for e in range(9):
-                        T[a, e] += x * row[i + e]
-            for p in range(3):
-                m0 = U[p] * T[a, 0] + U[3 + p] * T[a, 3] + U[6 + p] * T[a, 6]
-                m1 = U[p] * T[a, 1] + U[3 + p] * T[a, 4] + U[6 + p] * T[a, 7]
-                m2 = U[p] * T[a, 2] + U[3 + p] * T[a, 5] + U[6 + p] * T[a, 8]
-                X[a, 3 * p] = m0 * V[0] + m1 * V[3] + m2 * V[6]
-                X[a, 3 * p + 1] = m0 * V[1] + m1 * V[4] + m2 * V[7]
-                X[a, 3 * p + 2] = m0 * V[2] + m1 * V[5] + m2 * V[8]
-        for a in range(r):
-            x = X[a]
-            t0 = w * (D[0] * x[0] + D[3] * x[4] + D[4] * x[8])
-            t4 = w * (D[3] * x[0] + D[1] * x[4] + D[5] * x[8])
-            t8 = w * (D[4] * x[0] + D[5] * x[4] + D[2] * x[8])
-            t1 = w * (O[0] * x[1] + O[3] * x[3])
-            t3 = w * (O[0] * x[3] + O[3] * x[1])
-            t2 = w * (O[1] * x[2] + O[4] * x[6])
-            t6 = w * (O[1] * x[6] + O[4] * x[2])
-            t5 = w * (O[2] * x[5] + O[5] * x[7])
-            t7 = w * (O[2] * x[7] + O[5] * x[5])
-            for b in range(a + 1):
-                y = X[b]
-                H[a, b] += (
-                    t0 * y[0] + t1 * y[1] + t2 * y[2] + t3 * y[3] + t4 * y[4]
-                    + t5 * y[5] + t6 * y[6] + t7 * y[7] + t8 * y[8]
-                )  # fmt: skip
+        _stress_directions(model, work.F, s, X, T)
     for a in range(r):
-        for b in range(a):
+        for b in range(a + 1):
+            H[a, b] += _inner(T[a], X[b])
             H[b, a] = H[a, b]
+
+
+@njit(cache=True, nogil=True)
+def _stress_directions(model: Reduced, F: Array, s: int, X: Array, T: Array) -> None:
+    """Overwrites point s of every X_a by its strain in the singular frame, and T_a by w times the tangent applied to it."""
+    i = 9 * s
+    deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
+    U, V, D, O = tangent(model.kind[s], deformation, model.mu[s], model.lam[s], True)
+    w = model.weights[s]
+    for a in range(X.shape[0]):
+        x, t = X[a], T[a]
+        for p in range(3):
+            m0 = U[p] * x[i] + U[3 + p] * x[i + 3] + U[6 + p] * x[i + 6]
+            m1 = U[p] * x[i + 1] + U[3 + p] * x[i + 4] + U[6 + p] * x[i + 7]
+            m2 = U[p] * x[i + 2] + U[3 + p] * x[i + 5] + U[6 + p] * x[i + 8]
+            t[i + 3 * p] = m0 * V[0] + m1 * V[3] + m2 * V[6]
+            t[i + 3 * p + 1] = m0 * V[1] + m1 * V[4] + m2 * V[7]
+            t[i + 3 * p + 2] = m0 * V[2] + m1 * V[5] + m2 * V[8]
+        for e in range(9):
+            x[i + e] = t[i + e]
+        t[i] = w * (D[0] * x[i] + D[3] * x[i + 4] + D[4] * x[i + 8])
+        t[i + 4] = w * (D[3] * x[i] + D[1] * x[i + 4] + D[5] * x[i + 8])
+        t[i + 8] = w * (D[4] * x[i] + D[5] * x[i + 4] + D[2] * x[i + 8])
+        t[i + 1] = w * (O[0] * x[i + 1] + O[3] * x[i + 3])
+        t[i + 3] = w * (O[0] * x[i + 3] + O[3] * x[i + 1])
+        t[i + 2] = w * (O[1] * x[i + 2] + O[4] * x[i + 6])
+        t[i + 6] = w * (O[1] * x[i + 6] + O[4] * x[i + 2])
+        t[i + 5] = w * (O[2] * x[i + 5] + O[5] * x[i + 7])
+        t[i + 7] = w * (O[2] * x[i + 7] + O[5] * x[i + 5])
 
 
 @njit(cache=True, nogil=True)
@@ -360,17 +360,17 @@ def _precondition(model: Reduced, springs: Springs, options: Options, work: Work
     return _cholesky(work.hessian)
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def _inner(a: Array, b: Array) -> float:
-    total = 0.0
-    for i in range(a.shape[0]):
-        total += a[i] * b[i]
-    return total
-
-
 @njit(cache=True, nogil=True)
 def step(
-    model: Reduced, springs: Springs, predictor: Array, start: Array, z: Array, options: Options, work: Work
+    model: Reduced,
+    springs: Springs,
+    predictor: Array,
+    start: Array,
+    z: Array,
+    factor: Array,
+    renew: bool,
+    options: Options,
+    work: Work,
 ) -> tuple[int, int, int, float, float]:
     """One step of implicit Euler from q̂ = 2qₙ − qₙ₋₁ (paper, Eq. 12).
 
@@ -378,6 +378,8 @@ def step(
         predictor: q̂, (k,).
         start: the initial guess, (r,); where its energy is infinite, z is used instead.
         z: zₙ on entry, zₙ₊₁ on return, (r,); φ(z) is left in work.q.
+        factor: Cholesky factor of the preconditioner, (r, r); overwritten when it is renewed.
+        renew: whether to renew it at the start of this step.
 
     Returns:
         iterations, evaluations, reason (`solvers.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
@@ -400,19 +402,22 @@ def step(
         norm = math.sqrt(_inner(g, g))
         if norm <= options.tolerance * max(math.sqrt(_inner(z, z)), 1.0):
             return iteration, evaluations, CONVERGED, f, norm
-        if iteration == 0 or options.newton:
-            _precondition(model, springs, options, work)
+        if (renew and iteration == 0) or options.newton or (iteration > 0 and iteration % options.renewal == 0):
+            decode(model.layers, z, work.hidden, work.q)
+            if _precondition(model, springs, options, work):
+                factor[:] = work.hessian
+            count = 0
         for i in range(r):
             d[i] = -g[i]
         backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
-        _solve_cholesky(work.hessian, d)
+        _solve_cholesky(factor, d)
         forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
         slope = _inner(g, d)
         if not slope < 0.0:
             count = 0
             for i in range(r):
                 d[i] = -g[i]
-            _solve_cholesky(work.hessian, d)
+            _solve_cholesky(factor, d)
             slope = _inner(g, d)
         length, accepted, f_new = 1.0, False, math.inf
         for _ in range(MAX_BACKTRACKS):

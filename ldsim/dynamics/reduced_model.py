@@ -18,6 +18,9 @@ from ldsim.solvers.solution import Reason, Solution
 Array = NDArray[np.float64]
 
 WINDOW = 8
+# Iterations that making the current tangent costs, and after which a step gives its preconditioner up.
+RENEWAL_COST = 6
+RENEWAL = 12
 
 
 def reduced_mass(scene: Scene, U: Array) -> Array:
@@ -53,16 +56,25 @@ def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ReducedState:
-    """z and q of the last two frames: all that the next step depends on.
+    """All that the next step depends on.
 
-    z, z_previous (r,); q, q_previous (k,), float64. q need not be φ(z): a state taken from the full space keeps the
-    projection of its displacement.
+    Attributes:
+        z, z_previous: latent coordinates of the last two frames, (r,) float64.
+        q, q_previous: outer coordinates of the last two frames, (k,) float64. They need not be φ(z): a state taken from
+            the full space keeps the projection of its displacement.
+        factor: Cholesky factor of the preconditioner in use, (r, r) float64; None before the first step.
+        held: the vertices of the grabs that it includes.
+        fresh_iterations: iterations of the step that made it; excess: iterations beyond those since.
     """
 
     z: Array
     z_previous: Array
     q: Array
     q_previous: Array
+    factor: Array | None = None
+    held: tuple[NDArray[np.int64], ...] = ()
+    fresh_iterations: int = 0
+    excess: int = 0
 
     @classmethod
     def at_rest(cls, decoder: Decoder) -> ReducedState:
@@ -109,31 +121,39 @@ class ReducedStepper:
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
-        self._options = Options(tolerance, max_iterations, current or newton, newton)
+        self._options = Options(
+            tolerance, max_iterations, current or newton, newton, RENEWAL if current else max_iterations
+        )
         self._work = make_work(decoder, len(points))
-        self._springs_of: list[NDArray[np.int64]] = []
+        self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
 
     def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
-        springs = self.springs(grabs)
+        held = tuple(grab.vertices for grab in grabs)
+        renew = state.factor is None or state.excess > RENEWAL_COST or not _same(held, state.held)
+        factor = np.empty((len(state.z), len(state.z))) if state.factor is None else state.factor.copy()
         z = state.z.copy()
         iterations, evaluations, reason, value, norm = step(
             self._model,
-            springs,
+            self.springs(grabs),
             2 * state.q - state.q_previous,
             2 * state.z - state.z_previous,
             z,
+            factor,
+            renew,
             self._options,
             self._work,
         )
-        advanced = ReducedState(z, state.z, self._work.q.copy(), state.q)
+        fresh = iterations if renew else state.fresh_iterations
+        excess = 0 if renew else state.excess + max(iterations - fresh, 0)
+        advanced = ReducedState(z, state.z, self._work.q.copy(), state.q, factor, held, fresh, excess)
         return advanced, Solution(value, norm, iterations, evaluations, Reason(reason))
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""
-        held = [grab.vertices for grab in grabs]
-        if len(held) != len(self._springs_of) or any(a is not b for a, b in zip(held, self._springs_of, strict=True)):
+        held = tuple(grab.vertices for grab in grabs)
+        if not _same(held, self._springs_of):
             self._springs = self._make_springs(grabs)
             self._springs_of = held
         for i, grab in enumerate(grabs):
@@ -155,6 +175,11 @@ class ReducedStepper:
         return u
 
 
+def _same(left: Sequence[NDArray[np.int64]], right: Sequence[NDArray[np.int64]]) -> bool:
+    """Whether both hold the same arrays, which a drag keeps from frame to frame."""
+    return len(left) == len(right) and all(a is b for a, b in zip(left, right, strict=True))
+
+
 def make_work(decoder: Decoder, n_points: int) -> Work:
     """Scratch memory for a decoder and a number of cubature points."""
     r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
@@ -170,8 +195,10 @@ def make_work(decoder: Decoder, n_points: int) -> Work:
         d=np.zeros(r),
         z_new=np.zeros(r),
         jacobian=np.zeros((r, k)),
-        product=np.zeros((r, max(k, 18))),
+        product=np.zeros((r, k)),
         hessian=np.zeros((r, r)),
+        directions=np.zeros((r, 9 * n_points)),
+        stressed=np.zeros((r, 9 * n_points)),
         S=np.zeros((WINDOW, r)),
         Y=np.zeros((WINDOW, r)),
         rho=np.zeros(WINDOW),

@@ -22,7 +22,7 @@ class Trajectory:
         latent: z after each frame, (N, r); None for the full and the linear space.
         iterations, evaluations, reason: of each step, (N,).
         seconds: of each step, (N,) float64.
-        mean_error, max_error: vertex distances to the full-space run in each frame, (N,) metres; None if it is not known.
+        mean_error, max_error: vertex distances to the full-space run in each frame, (N,) metres; None if not known.
         windowed_mean_error: the same, restarted from the full-space state every window.
         mean_displacement: of the full-space run in each frame, (N,) metres.
     """

@@ -32,7 +32,8 @@ class Slab(Pin):
 
     def holds(self, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
         x = vertices[:, AXES[self.axis]]
-        return x >= x.max() - self.thickness if self.at_max else x <= x.min() + self.thickness
+        inside: NDArray[np.bool_] = x >= x.max() - self.thickness if self.at_max else x <= x.min() + self.thickness
+        return inside
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,12 @@ def read_recording(path: Path, name: str, frames: int | None = None) -> Motion:
         try:
             table[i] = [float(row[j]) for j in order]
         except (ValueError, IndexError) as error:
-            raise MotionError(f"recording {path}, frame row {i}: {','.join(row)!r} does not hold seven numbers") from error
+            raise MotionError(
+                f"recording {path}, frame row {i}: {','.join(row)!r} does not hold seven numbers"
+            ) from error
     if not np.isfinite(table).all():
-        row = int(np.argwhere(~np.isfinite(table))[0, 0])
-        raise MotionError(f"recording {path}, frame row {row} holds a value that is not finite")
+        first = int(np.argwhere(~np.isfinite(table))[0, 0])
+        raise MotionError(f"recording {path}, frame row {first} holds a value that is not finite")
     table = table[:frames]
     return Motion(name, len(table), tuple(_drags(table, radius, stiffness)))
 

@@ -147,10 +147,10 @@ def _fit(
     for epoch in range(options.epochs):
         model.train()
         total = torch.zeros(())
-        for batch in torch.randperm(len(kept)).split(options.batch):
+        for batch in torch.split(torch.randperm(len(kept)), options.batch):
             optimiser.zero_grad(set_to_none=True)
             loss = ((model(kept[batch]) - kept[batch]) ** 2).sum() / len(batch)
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             optimiser.step()
             total += loss.detach() * len(batch)
         schedule.step()

@@ -7,6 +7,7 @@ shape (paper_facts.md, Fig. 9).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -40,10 +41,10 @@ class Layers(NamedTuple):
 @njit(cache=True, nogil=True)
 def _activate(kind: int, x: float) -> float:
     if kind == 0:
-        return x if x > 0.0 else np.expm1(x)
+        return x if x > 0.0 else math.expm1(x)
     if kind == 1:
         return max(x, 0.0)
-    return np.tanh(x)
+    return math.tanh(x)
 
 
 @njit(cache=True, nogil=True)
@@ -177,7 +178,7 @@ class Decoder:
         activation: str = "elu",
         skip: Array | None = None,
     ) -> Decoder:
-        """A perceptron of the given (in, out) weights and (out,) biases, less its value at zero, plus the skip (k, r)."""
+        """A perceptron of the given (in, out) weights and (out,) biases, less its value at 0, plus the skip (k, r)."""
         sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])

@@ -40,8 +40,9 @@ def search(
 ) -> Searched:
     """Train at r, or bisect for the smallest r whose largest training error is within the tolerance.
 
-    Doubling from 1 finds a size that meets it, bisection then narrows the gap: 2 log₂ r trainings (the paper scans one by
-    one from k/2, Sec. 4.3). Where error is not monotone in r, the result meets the tolerance but a smaller one might too.
+    Doubling from 1 finds a size that meets it, bisection then narrows the gap: 2 log₂ r trainings (the paper scans one
+    by one from k/2, Sec. 4.3). Where error is not monotone in r, the result meets the tolerance but a smaller one might
+    too.
 
     Args:
         q: coordinates of the training snapshots, (N, k) float64.

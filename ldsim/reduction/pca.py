@@ -1,6 +1,7 @@
 """PCA of snapshots in bounded memory: the method of snapshots on streamed chunks (Sirovich 1987).
 
-No mean is subtracted, so that the rest shape u = 0 is in every basis. The inner product is the mass or the Euclidean one.
+No mean is subtracted, so that the rest shape u = 0 is in every basis. The inner product is the mass or the Euclidean
+one.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Basis:
 
     @property
     def k(self) -> int:
-        return self.U.shape[1]
+        return int(self.U.shape[1])
 
 
 def inner_product(mass: csr_array, kind: str) -> csr_array:

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 ARMIJO = 1e-4
 ROUNDOFF = 1e-12
 MAX_BACKTRACKS = 40
+EPSILON = 2.0**-52
 
 
 @njit(cache=True, nogil=True)
@@ -55,13 +56,14 @@ def accepts(f0: float, slope0: float, step: float, f: float, slope: float) -> bo
     """Sufficient decrease, or its form in the slopes where the values differ only by rounding.
 
     Armijo: f ≤ f₀ + c₁ α φ'(0). Approximate: φ'(α) ≤ (2c − 1) φ'(0) with c = 0.1 while |f − f₀| is at the level of
-    rounding (Hager and Zhang 2005, Eq. 4.1).
+    rounding (Hager and Zhang 2005, Eq. 4.1), and the slope has risen from φ'(0) by a tenth or more, so that steps of
+    rounding size are not accepted without end.
     """
     if not f < math.inf:
         return False
     if f <= f0 + ARMIJO * step * slope0:
         return True
-    return f <= f0 + ROUNDOFF * abs(f0) and slope <= -0.8 * slope0
+    return f <= f0 + ROUNDOFF * abs(f0) and 0.9 * slope0 <= slope <= -0.8 * slope0
 
 
 @njit(cache=True, nogil=True)
@@ -159,6 +161,8 @@ def minimise(
             if accepts(f, slope, step, f_new, slope_new):
                 break
             step = shorter_step(f, slope, step, f_new)
+            if step * math.sqrt(float(d @ d)) <= EPSILON * math.sqrt(float(x @ x)):
+                return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
         else:
             return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
         memory.add(trial - x, g_new - g)

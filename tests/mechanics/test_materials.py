@@ -51,7 +51,7 @@ def linear(F: Array) -> float:
 
 FORMULAS = {f.__name__: f for f in (neo_hookean, stable_neo_hookean, st_venant_kirchhoff, fixed_corotated, linear)}
 # λ of the linear solid that a material tends to; the isochoric neo-Hookean's λ is its bulk modulus.
-SMALL_STRAIN_LAM = {name: LAM for name in MATERIALS} | {"neo_hookean": LAM - 2 / 3 * MU}
+SMALL_STRAIN_LAM = dict.fromkeys(MATERIALS, LAM) | {"neo_hookean": LAM - 2 / 3 * MU}
 
 
 def strained(seed: int) -> Array:

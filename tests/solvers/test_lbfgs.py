@@ -102,7 +102,6 @@ def test_a_start_at_infinite_energy_is_reported_and_left_alone() -> None:
     assert x.tolist() == [-1.0, 1.0]
 
 
-@pytest.mark.xfail(strict=True, reason="steps of rounding size are accepted without end (reported; see accepts())")
 def test_a_line_search_without_decrease_is_reported_and_takes_no_step() -> None:
     x = np.ones(3)
     solution = minimise(climbing, x, identity, 1e-9)

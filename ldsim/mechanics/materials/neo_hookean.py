@@ -18,7 +18,7 @@ def energy(F: Matrix, mu: float, lam: float) -> float:
     J = determinant(F)
     if J <= 0.0:
         return math.inf
-    return 0.5 * mu * (J ** (-2.0 / 3.0) * squared_norm(F) - 3.0) + 0.5 * lam * (J - 1.0) ** 2
+    return 0.5 * mu * (math.pow(J, -2.0 / 3.0) * squared_norm(F) - 3.0) + 0.5 * lam * (J - 1.0) ** 2
 
 
 @njit(cache=True, inline="always")

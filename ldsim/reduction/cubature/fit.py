@@ -1,10 +1,11 @@
 """Cubature points and weights for the reduced elastic force: greedy, non-negative, then thinned and exchanged.
 
 Greedy choice of the points best correlated with the residual, with non-negative least squares after every addition: An,
-Kim and James 2008, "Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 5; adding several a pass and
-dropping those of weight zero follows von Tycowicz, Schulz, Seidel and Hildebrandt 2013, "An Efficient Construction of Reduced
-Deformable Objects", Sec. 4. Deviations: every pass looks at all points instead of a random few, and picks one by one from
-the best; at the tolerance, points are taken out again and exchanged as long as that leaves fewer or a lower error.
+Kim and James 2008, "Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 5; adding several a
+pass and dropping those of weight zero follows von Tycowicz, Schulz, Seidel and Hildebrandt 2013, "An Efficient
+Construction of Reduced Deformable Objects", Sec. 4. Deviations: every pass looks at all points instead of a random few,
+and picks one by one from the best; at the tolerance, points are taken out again and exchanged as long as that leaves
+fewer or a lower error.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Reduced elastic forces of poses, point by point, without the matrix of points times poses.
 
-Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008, "Optimizing
-Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I). Its inner product with a residual
-ρ needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
+Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008,
+"Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I). Its inner product
+with a residual ρ needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the
+points a pose.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ ROUNDING = 1e-13
 class ProjectedForces:
     """The normalised reduced forces of T poses: their target, and each point's share of it.
 
-    A pose is u_t = U φ(z_t), or `displacement(t)` where given: the shares of the true poses, projected with the decoder's
-    Jacobian at z_t. Each pose is divided by max(‖f_t‖, floor · median ‖f‖), so that neither the most strained poses
-    nor those near rest decide alone. Poses of infinite energy are left out.
+    A pose is u_t = U φ(z_t), or `displacement(t)` where given: the shares of the true poses, projected with the
+    decoder's Jacobian at z_t. Each pose is divided by max(‖f_t‖, floor · median ‖f‖), so that neither the most strained
+    poses nor those near rest decide alone. Poses of infinite energy are left out.
 
     Args:
         scene: the solid.
@@ -138,7 +139,12 @@ class ProjectedForces:
         return stresses
 
     def _projected(self, rows: Array, elements: Elements, stresses: Array, chunk: slice) -> Array:
-        """b_st of a chunk of points with w_s, (T, r, c): J_tᵀ Σ_a U_aᵀ w_s P_s ∇N_a; rows (v, 3, k), stresses (T, c, 9)."""
+        """b_st of a chunk of points with w_s, (T, r, c): J_tᵀ Σ_a U_aᵀ w_s P_s ∇N_a.
+
+        Args:
+            rows: the rows U_a, (v, 3, k).
+            stresses: P_s, (T, c, 9).
+        """
         gradients = elements.gradients[chunk] * elements.weights[chunk, None, None]
         G = np.einsum("caik,caj->ckij", rows[elements.nodes[chunk]], gradients)
         G = G.reshape(*G.shape[:2], 9)

@@ -1,0 +1,81 @@
+# Runs what is missing or stale of one experiment: make EXPERIMENT=x. `make help` lists what else there is.
+EXPERIMENT ?= demo
+CONFIG ?= configs/$(EXPERIMENT).yaml
+RUNS ?= runs
+PYTHON ?= python3
+VENV ?= .venv
+TORCH_INDEX ?= 
+
+RUN := $(RUNS)/$(EXPERIMENT)
+ENVIRONMENT := $(VENV)/.installed
+LDSIM := $(VENV)/bin/ldsim
+
+# The paper's meshes and recordings, where nobody said otherwise and they lie beside the project.
+ifndef LDSIM_DATA
+ifneq ($(wildcard ../shared/data),)
+export LDSIM_DATA := $(abspath ../shared/data)
+endif
+endif
+
+STAGES := mesh snapshot pca train cubature simulate report
+STAMPS := $(STAGES:%=$(RUN)/settings/%.yaml)
+SCENE := $(RUN)/scene.h5
+SNAPSHOTS := $(RUN)/snapshots.h5
+BASIS := $(RUN)/basis.h5
+MODEL := $(RUN)/model.h5
+CUBATURE := $(RUN)/cubature.h5
+SIMULATION := $(RUN)/simulation.h5
+REPORT := $(RUN)/report/report.html
+
+.DEFAULT_GOAL := report
+# One thing at a time even under -j: the stages share out the cores themselves, and simulate is timed.
+.NOTPARALLEL:
+# An artefact is renamed when whole, so an interrupted make must never delete the one that lies there.
+.PRECIOUS: $(SCENE) $(SNAPSHOTS) $(BASIS) $(MODEL) $(CUBATURE) $(SIMULATION) $(REPORT) $(STAMPS)
+.PHONY: $(STAGES) demo settings test lint clean help FORCE
+
+# $(call stage,train): run a stage and remember that one was run.
+stage = $(eval RAN := yes)$(LDSIM) $(1) $(CONFIG) --runs $(RUNS)
+# $(call done,FILE): the last line of every goal.
+done = @echo "$(if $(RAN),,nothing to do, $(EXPERIMENT) is up to date: )$(abspath $(1))"
+
+include $(STAGES:%=stages/%.mk)
+
+# One stamp a stage: its settings with defaults and the hashes of its input files. All are looked at in every make, but
+# only those that changed are written, so an unchanged stamp keeps its time and nothing that depends on it runs again. The
+# + does so under `make -n` too, which then tells the truth.
+$(STAMPS) &: FORCE | $(ENVIRONMENT)
+	$(if $(wildcard $(firstword $(LDSIM))),+)@$(LDSIM) settings $(CONFIG) --experiment $(EXPERIMENT) --stamps $(RUN)/settings
+
+FORCE:
+
+$(ENVIRONMENT): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	@echo "installing the packages of pyproject.toml into $(VENV), some minutes and about 1.5 GB"
+	@# torch comes first and with the index of its CPU builds: pip otherwise takes a CUDA build of gigabytes.
+	$(VENV)/bin/python -m pip install --quiet --no-deps --retries 2 --extra-index-url $(TORCH_INDEX) \
+	    $(shell sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
+	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: ## the embedded demo through all stages
+	@$(MAKE) --no-print-directory EXPERIMENT=demo report
+
+settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
+	@$(LDSIM) settings $(CONFIG)
+
+test: export OPENBLAS_NUM_THREADS := 1
+test: export OMP_NUM_THREADS := 1
+test: $(ENVIRONMENT) ## all tests
+	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4
+
+lint: $(ENVIRONMENT) ## style and types
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/mypy
+
+clean: ## remove the files of the experiment
+	rm -rf $(RUN)
+
+help: ## this list
+	@echo "make [GOAL] [EXPERIMENT=$(EXPERIMENT)]: EXPERIMENT names a file in configs/, its files lie in runs/EXPERIMENT/"
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  \1\t\2/p' $(STAGES:%=stages/%.mk) Makefile | expand -t 14
