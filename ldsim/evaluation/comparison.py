@@ -1,7 +1,8 @@
 """The spaces side by side: the same motion in the full, the linear and the latent space, timed and judged.
 
-Rules of measurement (design.md): one process, one thread, the same stop rule; each reduced space with the fastest of its
-minimisers, found on a trial stretch that also serves as warm-up; errors against the full-space snapshots of the motion.
+Rules of measurement (design.md): one process, one thread, the same stop rule; each reduced space with the fastest of
+its minimisers, found on a trial stretch that also serves as warm-up; errors against the full-space snapshots of the
+motion.
 """
 
 from __future__ import annotations
@@ -218,7 +219,8 @@ def compare_motion(
     def frame(i: int) -> Array:
         if i < 0:
             return np.zeros((scene.mesh.n_vertices, 3))
-        return snapshots(i, i + 1)[0].astype(np.float64)
+        u: Array = snapshots(i, i + 1)[0].astype(np.float64)
+        return u
 
     timed = stretch(motion, options.full_frames)
     before = (frame(timed.start - 1), frame(timed.start - 2))

@@ -114,7 +114,7 @@ COUNT = Scalar((int,), "a whole number", nullable=True)
 TRUTH = Scalar((bool,), "true or false")
 
 ERRORS = Record({"max_mm": NUMBER, "mean_mm": NUMBER}, nullable=True)
-RECONSTRUCTION = Record({method: ERRORS for method in METHODS}, nullable=True)
+RECONSTRUCTION = Record(dict.fromkeys(METHODS, ERRORS), nullable=True)
 CUBATURE = Record(
     {"points": COUNT, "relative_error": Record({"train": NUMBER, "heldout": NUMBER}), "seconds": NUMBER}, nullable=True
 )
@@ -140,7 +140,7 @@ REPORT = Record(
         "machine": Record({"cpu": TEXT, "cores": COUNT, "gpu": TEXT_OR_NULL, "versions": Table(TEXT)}),
         "mesh": Record({"vertices": COUNT, "cells": COUNT, "cell_type": TEXT, "quadrature_points": COUNT}),
         "dims": Record({"k": COUNT, "r": COUNT, "kp": COUNT}),
-        "reconstruction": Record({role: RECONSTRUCTION for role in ROLES}),
+        "reconstruction": Record(dict.fromkeys(ROLES, RECONSTRUCTION)),
         "rest_residual_mm": NUMBER,
         "cubature": Record({"latent": CUBATURE, "linear": CUBATURE}),
         "simulate": Record({space: Sequence(SIMULATION) for space in SPACES}),
