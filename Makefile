@@ -64,8 +64,6 @@ demo: ## the embedded demo through all stages
 settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
 	@$(LDSIM) settings $(CONFIG)
 
-test: export OPENBLAS_NUM_THREADS := 1
-test: export OMP_NUM_THREADS := 1
 test: $(ENVIRONMENT) ## all tests
 	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4
 

@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import multiprocessing
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -55,14 +59,16 @@ def run_motions(
         progress: called now and then with the frames done and the motions still to finish.
 
     Raises:
-        LdsimError: of the first motion that failed; the frames of all motions are kept.
+        LdsimError: of the first motion that failed; the others stop too, and the frames of all are kept.
     """
     n_vertices = read_scene(scene_path)[0].mesh.n_vertices
     stores = [MotionStore(folder, motion) for motion in motions]
-    folder.mkdir(parents=True, exist_ok=True)
     context = multiprocessing.get_context("spawn")
     longest_first = sorted(motions, key=lambda motion: -motion.frames)
-    pool = ProcessPoolExecutor(min(workers, len(motions)), mp_context=context)
+    parent_end, worker_end = context.Pipe()
+    pool = ProcessPoolExecutor(
+        min(workers, len(motions)), mp_context=context, initializer=_stop_with_parent, initargs=(worker_end,)
+    )
     try:
         pending: set[Future[None]] = {
             pool.submit(run_motion, scene_path, folder, motion, options) for motion in longest_first
@@ -78,7 +84,23 @@ def run_motions(
             "snapshot.workers if memory is short"
         ) from error
     finally:
+        parent_end.close()
+        worker_end.close()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _stop_with_parent(worker_end: Connection) -> None:
+    """End this worker, at any point, as soon as the parent closes its end of the pipe or dies in whatever way.
+
+    A worker that outlived a killed parent would go on writing to the frames that the next run continues.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        worker_end.poll(None)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOptions) -> None:
@@ -86,6 +108,7 @@ def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOp
     with one_thread():
         scene, _ = read_scene(scene_path)
         store = MotionStore(folder, motion)
+        store.own()
         identity = run_identity(scene_path, motion, options)
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
         if checkpoint is None:

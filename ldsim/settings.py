@@ -27,7 +27,7 @@ STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 class Section(BaseModel):
     """A part of the configuration; unknown keys are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class MaterialSettings(Section):
@@ -199,6 +199,8 @@ def load_settings(path: Path) -> Settings:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())
         raise SettingsError(f"configuration {path} is not valid YAML: {reason}") from error
+    if content is None:
+        raise SettingsError(f"configuration {path} is empty; examples lie in configs/")
     if not isinstance(content, dict):
         raise SettingsError(f"configuration {path} holds {type(content).__name__}; expected a mapping of sections")
     try:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import resource
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,3 +81,17 @@ def scene(
     kind = np.full(mesh.n_cells, MATERIALS[material], dtype=np.int8)
     pinned = x < x.min() + 1e-9
     return Scene(mesh, kind, mu * ones, lam * ones, density * ones, pinned, np.array(gravity), time_step)
+
+
+@contextlib.contextmanager
+def full_disk(size: int) -> Iterator[None]:
+    """For the block, every write beyond `size` bytes of a file fails, in this process and those that it starts.
+
+    As near to a full disk as one comes without being root: to the writer, EFBIG differs from ENOSPC in its number alone.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

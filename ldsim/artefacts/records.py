@@ -149,8 +149,8 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
 
 
 def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:
-    count = sum(name.startswith("weights_") for name in group)
-    return [group[f"weights_{i}"][:] for i in range(count)], [group[f"biases_{i}"][:] for i in range(count)]
+    layers = range((len(group) + 1) // 2)
+    return [group[f"weights_{i}"][:] for i in layers], [group[f"biases_{i}"][:] for i in layers]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.store import Header, check_datasets, read_header, reading, replacing, write_header
+from ldsim.artefacts.store import Header, check_datasets, creating, read_header, reading, write_header, writing
 from ldsim.mechanics.motion import Drag, Motion
 
 Array = NDArray[np.float64]
@@ -153,10 +154,18 @@ class MotionStore:
         self._motion = motion
         self._frames_path = folder / f"{motion.name}.frames"
         self._checkpoint_path = folder / f"{motion.name}.checkpoint.h5"
+        self._lock_path = folder / f"{motion.name}.lock"
+
+    def own(self) -> None:
+        """Wait until no other process runs this motion, and keep others from it as long as this store lives."""
+        with writing(self._lock_path):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._lock = self._lock_path.open("w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
 
     def write_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint."""
-        with replacing(self._checkpoint_path) as temporary, h5py.File(temporary, "w") as file:
+        with creating(self._checkpoint_path) as file:
             file.attrs["identity"] = checkpoint.identity
             for name, values in checkpoint.state.items():
                 file[f"state/{name}"] = values
@@ -186,13 +195,14 @@ class MotionStore:
 
     def start(self) -> None:
         """Forget whatever an earlier run left."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self._frames_path.write_bytes(b"")
-        self._checkpoint_path.unlink(missing_ok=True)
+        with writing(self._frames_path):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._frames_path.write_bytes(b"")
+            self._checkpoint_path.unlink(missing_ok=True)
 
     def append(self, u: Array) -> None:
         """Append one frame, (n, 3) metres, as float32."""
-        with self._frames_path.open("ab") as stream:
+        with writing(self._frames_path), self._frames_path.open("ab") as stream:
             stream.write(np.ascontiguousarray(u, dtype=np.float32).tobytes())
 
     def frames_written(self, frame_bytes: int) -> int:
@@ -221,15 +231,15 @@ class MotionStore:
                 data[start : start + count] = part.reshape(count, n_vertices, 3)
 
     def remove(self) -> None:
-        self._frames_path.unlink(missing_ok=True)
-        self._checkpoint_path.unlink(missing_ok=True)
+        for path in (self._frames_path, self._checkpoint_path, self._lock_path):
+            path.unlink(missing_ok=True)
 
 
 def write_snapshots(
     path: Path, header: Header, stores: Sequence[tuple[MotionStore, Motion, str]], n_vertices: int
 ) -> None:
     """Gather finished runs into snapshots.h5 and remove their partial files."""
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         write_header(file, header)
         for order, (store, motion, role) in enumerate(stores):
             group = file.create_group(f"motions/{motion.name}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import hashlib
+import io
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -19,6 +20,14 @@ from numpy.typing import NDArray
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.errors import ArtefactError
 
+STAGE_OF = {
+    "scene": "mesh",
+    "snapshots": "snapshot",
+    "basis": "pca",
+    "model": "train",
+    "cubature": "cubature",
+    "simulation": "simulate",
+}
 HEADER = ("kind", "schema_version", "ldsim_version", "created", "settings", "inputs", "seed")
 
 
@@ -50,6 +59,23 @@ def file_hash(path: Path) -> str:
 
 
 @contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn the system's refusal to write into one line.
+
+    Raises:
+        ArtefactError: naming the path and the reason.
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
+        raise ArtefactError(
+            f"cannot write {path}: {reason}; free some space or choose another folder with --runs "
+            "(finished artefacts are untouched)"
+        ) from error
+
+
+@contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside `path` that becomes `path` when the block ends well and is removed when it does not.
 
@@ -58,18 +84,81 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
-        raise ArtefactError(
-            f"cannot write {path}: {reason}; free some space or choose another folder with --runs "
-            "(finished artefacts are untouched)"
-        ) from error
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            os.replace(temporary, path)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+class _Sink(io.RawIOBase):
+    """The file below HDF5: seekable, and never failing, because HDF5 does not survive a failed write.
+
+    On a full disk HDF5 prints traces and crashes when Python ends. Here the first error is kept for `check`, and what
+    is written after it is lost; the file is then thrown away.
+    """
+
+    def __init__(self, stream: io.FileIO) -> None:
+        self._stream = stream
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first error of a write, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def write(self, data: memoryview) -> int:  # type: ignore[override]
+        rest = memoryview(data).cast("B")
+        size = len(rest)
+        while len(rest) and self._error is None:
+            try:
+                rest = rest[self._stream.write(rest) or 0 :]
+            except OSError as error:
+                self._error = error
+        return size
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        return self._stream.readinto(buffer) or 0
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._stream.truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return size or 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._stream.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._stream.tell()
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+
+@contextlib.contextmanager
+def creating(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes its name when whole.
+
+    Raises:
+        ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
+    """
+    with replacing(path) as temporary, open(temporary, "w+b", buffering=0) as stream:
+        sink = _Sink(stream)
+        with h5py.File(sink, "w") as file:
+            yield file
+            file.flush()
+            sink.check()
+        sink.check()
 
 
 def write(path: Path, header: Header, datasets: Mapping[str, NDArray[np.generic] | float | int]) -> None:
@@ -78,7 +167,7 @@ def write(path: Path, header: Header, datasets: Mapping[str, NDArray[np.generic]
     Raises:
         ArtefactError: the datasets do not fit the schema, or the file cannot be written.
     """
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with creating(path) as file:
         write_header(file, header)
         for name, values in datasets.items():
             file.create_dataset(name, data=values)
@@ -108,8 +197,8 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         ArtefactError: the file is missing, truncated or not an artefact, or of another kind or schema version.
     """
     if not path.is_file():
-        stage = {"scene": "mesh", "snapshots": "snapshot", "basis": "pca", "model": "train"}.get(kind or "", kind)
-        raise ArtefactError(f"{path} does not exist; run `ldsim {stage}` first" if kind else f"{path} does not exist")
+        hint = f"; run `ldsim {STAGE_OF[kind]}` first" if kind else ""
+        raise ArtefactError(f"{path} does not exist{hint}")
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -120,10 +209,10 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         missing = [name for name in HEADER if name not in file.attrs]
         if missing:
             raise ArtefactError(f"{path} is not an ldsim artefact: it lacks the attribute {missing[0]!r}")
-        found, version = str(file.attrs["kind"]), int(file.attrs["schema_version"])
+        found, version = str(file.attrs["kind"]), str(file.attrs["schema_version"])
         if kind is not None and found != kind:
             raise ArtefactError(f"{path} holds {found!r}; expected {kind!r}")
-        if version != SCHEMA_VERSION:
+        if version != str(SCHEMA_VERSION):
             raise ArtefactError(
                 f"{path} has schema version {version}; this ldsim reads {SCHEMA_VERSION}; delete it and run make"
             )
@@ -188,16 +277,25 @@ def check_datasets(file: h5py.File, kind: str, path: Path) -> None:
     if kind not in SCHEMAS:
         raise ArtefactError(f"{path} holds the unknown kind {kind!r}; known are {', '.join(SCHEMAS)}")
     names = dataset_names(file)
-    symbols: dict[tuple[str, str], int] = {}
-    for entry in SCHEMAS[kind]:
-        matches = [name for name in names if _matches(name, entry.path)]
-        if not matches and "*" not in entry.path and not entry.optional:
-            raise ArtefactError(f"{path} lacks the dataset {entry.path!r}; it is damaged, delete it and run make")
-        for name in matches:
-            _check_dataset(file[name], entry, name, path, symbols)
     unknown = [name for name in names if not any(_matches(name, entry.path) for entry in SCHEMAS[kind])]
     if unknown:
         raise ArtefactError(f"{path} holds the dataset {unknown[0]!r}, which a {kind} artefact does not have")
+    symbols: dict[tuple[str, str], int] = {}
+    for entry in SCHEMAS[kind]:
+        matches = [name for name in names if _matches(name, entry.path)]
+        lacking = [] if entry.optional else _lacking(entry, matches, names)
+        if lacking:
+            raise ArtefactError(f"{path} lacks the dataset {lacking[0]!r}; it is damaged, delete it and run make")
+        for name in matches:
+            _check_dataset(file[name], entry, name, path, symbols)
+
+
+def _lacking(entry: Dataset, matches: list[str], names: list[str]) -> list[str]:
+    """What is missing of a dataset that must be there: at least one, and one in every group of its kind."""
+    pattern, _, last = entry.path.rpartition("/")
+    groups = {name.rpartition("/")[0] for name in names}
+    homes = sorted(group for group in groups if _matches(group, pattern)) or [pattern]
+    return [f"{home}/{last}".lstrip("/") for home in homes if not any(m.rpartition("/")[0] == home for m in matches)]
 
 
 def _matches(name: str, pattern: str) -> bool:

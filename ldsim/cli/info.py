@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
+from ldsim import __version__
 from ldsim.artefacts.store import dataset_names, read_header, reading
 
 
 @click.command("info", help="Print an artefact's header and contents.")
+@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("file", type=click.Path(path_type=Path))
 def command(file: Path) -> None:
     with reading(file) as artefact:

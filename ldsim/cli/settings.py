@@ -6,11 +6,14 @@ from pathlib import Path
 
 import click
 
+from ldsim import __version__
+from ldsim.artefacts.store import replacing
 from ldsim.errors import SettingsError
 from ldsim.settings import STAGES, dump, load_settings, stamp
 
 
 @click.command("settings", help="Check a configuration and print it with defaults.")
+@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("config", type=click.Path(path_type=Path))
 @click.option(
     "--stamps",
@@ -29,8 +32,8 @@ def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
         click.echo(dump(settings), nl=False)
         return
     texts = {stage: stamp(settings, stage, config) for stage in STAGES}
-    stamps.mkdir(parents=True, exist_ok=True)
     for stage, text in texts.items():
         path = stamps / f"{stage}.yaml"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
+            with replacing(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")

@@ -14,6 +14,7 @@ from typing import Never
 import click
 from tqdm import tqdm
 
+from ldsim import __version__
 from ldsim.artefacts.store import Header, check_inputs, file_hash
 from ldsim.errors import ArtefactError
 from ldsim.settings import Settings, dump, load_settings, stage_settings
@@ -86,6 +87,7 @@ def stage_command(name: str, description: str) -> Callable[[Callable[[Run], None
     def wrap(function: Callable[[Run], None]) -> click.Command:
         @click.command(name, help=description)
         @click.argument("config", type=click.Path(path_type=Path))
+        @click.version_option(__version__, "--version", prog_name="ldsim")
         @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
         def command(config: Path, runs: Path) -> None:
             settings = load_settings(config)

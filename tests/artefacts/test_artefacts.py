@@ -1,0 +1,267 @@
+"""Every kind of artefact: what is written is read back, what is damaged is refused in one line, and a failed write
+leaves the artefact that was there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from ldsim.artefacts import store
+from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
+from ldsim.artefacts.store import Header, check_inputs, dataset_names, file_hash, read_header, reading
+from ldsim.errors import ArtefactError
+from tests.artefacts.examples import EXAMPLES, Example, same
+from tests.helpers import full_disk
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+
+every_kind = pytest.mark.parametrize("kind", EXAMPLES)
+
+
+def header(kind: str) -> Header:
+    notes = {"experiment": "e", "seconds": 1.5, "order": 3, "activation": "tanh"}
+    return Header(kind, "a: 1\nb: größer\n", {"scene": "0" * 64}, 7, notes)
+
+
+@pytest.fixture
+def artefact(kind: str, tmp_path: Path) -> Path:
+    path = tmp_path / "run" / f"{kind}.h5"
+    EXAMPLES[kind].write(path, header(kind))
+    return path
+
+
+def refusal(example: Example, path: Path) -> str:
+    with pytest.raises(ArtefactError) as caught:
+        example.read(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+def test_every_kind_of_the_schema_has_an_example() -> None:
+    assert set(EXAMPLES) == set(SCHEMAS)
+
+
+@every_kind
+def test_what_is_written_is_read_back(kind: str, artefact: Path) -> None:
+    value, found = EXAMPLES[kind].read(artefact)
+    assert same(value, EXAMPLES[kind].value)
+    expected = header(kind)
+    assert (found.kind, found.settings, found.inputs, found.seed) == (
+        expected.kind,
+        expected.settings,
+        expected.inputs,
+        expected.seed,
+    )
+    assert found.notes == expected.notes
+    assert found.ldsim_version
+    assert found.created
+
+
+@every_kind
+def test_the_file_is_plain_hdf5_beside_which_nothing_is_left(kind: str, artefact: Path) -> None:
+    with h5py.File(artefact, "r") as file:
+        assert file.attrs["kind"] == kind
+        assert all(file[name].dtype.kind in "fib" for name in dataset_names(file))
+    assert [path.name for path in artefact.parent.iterdir() if not path.is_dir()] == [artefact.name]
+
+
+@every_kind
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.99])
+def test_a_truncated_file_is_refused(kind: str, artefact: Path, share: float) -> None:
+    os.truncate(artefact, int(share * artefact.stat().st_size))
+    assert "not a readable HDF5 file" in refusal(EXAMPLES[kind], artefact)
+
+
+@every_kind
+@pytest.mark.parametrize("content", [b"MeshVersionFormatted 1\n", HDF5_MAGIC, HDF5_MAGIC + b"\xff" * 4096])
+def test_a_foreign_file_is_refused(kind: str, artefact: Path, content: bytes) -> None:
+    artefact.write_bytes(content)
+    assert "not a readable HDF5 file" in refusal(EXAMPLES[kind], artefact)
+
+
+@every_kind
+def test_a_foreign_hdf5_file_is_refused(kind: str, artefact: Path) -> None:
+    with h5py.File(artefact, "w") as file:
+        file["U"] = np.eye(3)
+    assert "lacks the attribute 'kind'" in refusal(EXAMPLES[kind], artefact)
+
+
+@every_kind
+def test_a_missing_file_is_refused_with_the_stage_that_makes_it(kind: str, tmp_path: Path) -> None:
+    message = refusal(EXAMPLES[kind], tmp_path / "nothing.h5")
+    stages = {"scene": "mesh", "snapshots": "snapshot", "basis": "pca", "model": "train", "simulation": "simulate"}
+    assert f"does not exist; run `ldsim {stages.get(kind, kind)}` first" in message
+
+
+@every_kind
+@pytest.mark.parametrize("other", EXAMPLES)
+def test_an_artefact_of_another_kind_is_refused(kind: str, other: str, artefact: Path, tmp_path: Path) -> None:
+    if kind != other:
+        EXAMPLES[other].write(artefact, header(other))
+        assert f"holds {other!r}; expected {kind!r}" in refusal(EXAMPLES[kind], artefact)
+
+
+@every_kind
+@pytest.mark.parametrize("version", [SCHEMA_VERSION + 1, SCHEMA_VERSION - 1, "two"])
+def test_another_schema_version_is_refused(kind: str, artefact: Path, version: object) -> None:
+    with h5py.File(artefact, "r+") as file:
+        file.attrs["schema_version"] = version
+    assert f"schema version {version}" in refusal(EXAMPLES[kind], artefact)
+
+
+def every_dataset(change: Callable[[h5py.File, str], None], kind: str, artefact: Path, words: str) -> None:
+    """Change each dataset of an artefact alone, and see the refusal name it."""
+    with h5py.File(artefact, "r") as file:
+        names = dataset_names(file)
+    whole = artefact.read_bytes()
+    for name in names:
+        artefact.write_bytes(whole)
+        with h5py.File(artefact, "r+") as file:
+            change(file, name)
+        message = refusal(EXAMPLES[kind], artefact)
+        assert name in message
+        assert words in message
+
+
+def as_text(file: h5py.File, name: str) -> None:
+    shape = file[name].shape
+    del file[name]
+    file.create_dataset(name, shape, "S3")
+
+
+def with_another_axis(file: h5py.File, name: str) -> None:
+    values = file[name][()]
+    del file[name]
+    file[name] = values[..., None]
+
+
+@every_kind
+def test_a_dataset_of_the_wrong_type_is_refused(kind: str, artefact: Path) -> None:
+    every_dataset(as_text, kind, artefact, "found type |S3, expected")
+
+
+@every_kind
+def test_a_dataset_of_the_wrong_shape_is_refused(kind: str, artefact: Path) -> None:
+    every_dataset(with_another_axis, kind, artefact, "found shape")
+
+
+@every_kind
+def test_a_dataset_that_must_be_there_is_missed(kind: str, artefact: Path) -> None:
+    optional = {entry.path.rpartition("/")[2] for entry in SCHEMAS[kind] if entry.optional}
+    # One of several layers is missed only by the arithmetic of the network, tested below.
+    layers = {"weights_0", "weights_1", "biases_0", "biases_1"}
+
+    with h5py.File(artefact, "r") as file:
+        names = [name for name in dataset_names(file) if name.rpartition("/")[2] not in optional | layers]
+    whole = artefact.read_bytes()
+    for name in names:
+        artefact.write_bytes(whole)
+        with h5py.File(artefact, "r+") as file:
+            del file[name]
+        assert f"lacks the dataset {name!r}" in refusal(EXAMPLES[kind], artefact)
+
+
+@pytest.mark.parametrize("kind", ["model"])
+@pytest.mark.parametrize("name", ["decoder/weights_0", "decoder/biases_1", "encoder/weights_1", "encoder/biases_0"])
+def test_a_network_without_one_of_its_layers_is_refused(kind: str, artefact: Path, name: str) -> None:
+    with h5py.File(artefact, "r+") as file:
+        del file[name]
+    refusal(EXAMPLES[kind], artefact)
+
+
+@pytest.mark.parametrize("kind", ["basis"])
+def test_sizes_that_do_not_fit_each_other_are_refused(kind: str, artefact: Path) -> None:
+    with h5py.File(artefact, "r+") as file:
+        del file["mean_error"]
+        file["mean_error"] = np.ones(9)
+    assert "dataset 'mean_error': found shape (9,), expected (e) with e = 4" in refusal(EXAMPLES[kind], artefact)
+
+
+@every_kind
+def test_a_dataset_that_no_schema_knows_is_refused(kind: str, artefact: Path) -> None:
+    with h5py.File(artefact, "r+") as file:
+        file["surprise"] = 1.0
+    assert "'surprise'" in refusal(EXAMPLES[kind], artefact)
+
+
+def test_an_input_that_is_not_the_one_read_is_refused(tmp_path: Path) -> None:
+    scene, basis = tmp_path / "scene.h5", tmp_path / "basis.h5"
+    EXAMPLES["scene"].write(scene, header("scene"))
+    made_from = Header("basis", "", {"scene": file_hash(scene)})
+    EXAMPLES["basis"].write(basis, made_from)
+    with reading(basis, "basis") as file:
+        found = read_header(file)
+    check_inputs(basis, found, {"scene": scene})
+    with h5py.File(scene, "r+") as file:
+        file["gravity"][1] = -1.0
+    with pytest.raises(ArtefactError, match=r"basis\.h5 was made from another scene than .*scene\.h5"):
+        check_inputs(basis, found, {"scene": scene})
+
+
+# Failed writes
+
+
+def no_space(*_: object, **__: object) -> Any:
+    raise OSError(errno.ENOSPC, "no space")
+
+
+@every_kind
+def test_a_write_that_fails_at_the_end_leaves_the_artefact_that_was_there(
+    kind: str, artefact: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = artefact.read_bytes()
+    monkeypatch.setattr(store.os, "replace", no_space)
+    with pytest.raises(ArtefactError, match="cannot write .*No space left on device"):
+        EXAMPLES[kind].write(artefact, header(kind))
+    assert artefact.read_bytes() == before
+    assert not list(artefact.parent.glob(".*"))
+
+
+@every_kind
+@pytest.mark.parametrize("kibibytes", [0, 1, 4])
+def test_a_disk_that_is_full_before_the_file_is_whole_costs_one_line(kind: str, artefact: Path, kibibytes: int) -> None:
+    before = artefact.read_bytes()
+    with full_disk(1024 * kibibytes), pytest.raises(ArtefactError, match="cannot write ") as caught:
+        EXAMPLES[kind].write(artefact, header(kind))
+    assert "\n" not in str(caught.value)
+    assert artefact.read_bytes() == before
+    assert not list(artefact.parent.glob(".*"))
+
+
+@every_kind
+def test_a_folder_that_cannot_be_made_costs_one_line(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(ArtefactError, match=r"cannot write .*(Not a directory|File exists)"):
+        EXAMPLES[kind].write(tmp_path / "file" / "run.h5", header(kind))
+
+
+@every_kind
+def test_an_interrupted_write_leaves_the_artefact_that_was_there(
+    kind: str, artefact: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = artefact.read_bytes()
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(store, "check_datasets", interrupt)
+    monkeypatch.setattr("ldsim.artefacts.snapshots.check_datasets", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        EXAMPLES[kind].write(artefact, header(kind))
+    assert artefact.read_bytes() == before
+    assert not list(artefact.parent.glob(".*"))
+
+
+def test_values_that_do_not_fit_the_schema_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ArtefactError, match="dataset 'U': found type float32, expected float64"):
+        store.write(tmp_path / "basis.h5", header("basis"), {"U": np.eye(3, dtype=np.float32)})
+    assert not list(tmp_path.iterdir())

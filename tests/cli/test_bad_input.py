@@ -1,0 +1,282 @@
+"""Bad input costs every command one line and exit status 1, and never a finished artefact."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from ldsim.cli.main import main
+from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, refused
+from tests.helpers import full_disk
+
+every_command = pytest.mark.parametrize("command", COMMANDS)
+
+TETS = """MeshVersionFormatted 1
+Dimension 3
+Vertices
+5
+0 0 0 0
+1 0 0 0
+0 1 0 0
+0 0 1 0
+{apex} 0
+Tetrahedra
+2
+1 2 3 4 0
+{cell} 0
+End
+"""
+RECORDING = """# spring_stiffness_n_per_m: 30
+# grab_radius_m: 0.03
+is_dragging,target_x,target_y,target_z,grabbed_x,grabbed_y,grabbed_z
+{rows}
+"""
+MISS = "\n".join(["0,0,0,0,0,0,0", "1,9,0,0,9,0,0", "1,9,0,0,9,0,0"])
+
+
+def refusal(experiment: Experiment, command: str) -> str:
+    """The refusal of a command, after which all finished files are what they were."""
+    before = experiment.finished()
+    message = refused(experiment.invoke(command))
+    assert experiment.finished() == before
+    return message
+
+
+# The configuration, for every command
+
+
+def write(content: bytes) -> Callable[[Experiment], None]:
+    return lambda experiment: experiment.config.write_bytes(content) and None
+
+
+def change(path: str, value: object) -> Callable[[Experiment], None]:
+    return lambda experiment: experiment.change(path, value)
+
+
+CONFIGURATIONS: dict[str, tuple[Callable[[Experiment], object], str]] = {
+    "missing": (lambda experiment: experiment.config.unlink(), "does not exist"),
+    "empty": (write(b""), "is empty"),
+    "not YAML": (write(b"mesh: [1,\n  2\n"), "is not valid YAML"),
+    "binary": (write(b"\x00\xff\xfe"), "is not valid YAML"),
+    "a list": (write(b"- mesh\n"), "expected a mapping"),
+    "an unknown section": (lambda experiment: experiment.configure(TINY | {"meshh": {}}), "did you mean 'mesh'?"),
+    "an unknown key": (change("train.epoch", 1), "unknown key 'train.epoch'; did you mean 'epochs'?"),
+    "a wrong type": (change("train.epochs", "many"), "train.epochs: input should be a valid integer"),
+    "out of range": (change("train.learning_rate", 2.0), "train.learning_rate: input should be less than 1, got 2"),
+    "a key missing": (change("mesh.material.youngs_modulus", ...), "mesh.material.youngs_modulus is missing"),
+    "two sources": (change("mesh.file", "x.mesh"), "mesh: give exactly one of file, shape"),
+}
+
+
+@every_command
+@pytest.mark.parametrize("case", CONFIGURATIONS)
+def test_a_bad_configuration(experiment: Experiment, command: str, case: str) -> None:
+    spoil, words = CONFIGURATIONS[case]
+    spoil(experiment)
+    message = refusal(experiment, command)
+    assert words in message
+    assert "tiny.yaml" in message
+
+
+@pytest.mark.parametrize("case", CONFIGURATIONS)
+def test_a_bad_configuration_is_told_by_settings_too(experiment: Experiment, case: str) -> None:
+    spoil, words = CONFIGURATIONS[case]
+    spoil(experiment)
+    for options in ([], ["--stamps", str(experiment.folder / "stamps")]):
+        assert words in refused(CliRunner().invoke(main, ["settings", str(experiment.config), *options]))
+    assert not (experiment.folder / "stamps").exists()
+
+
+# The artefacts that a command reads
+
+
+def replace_kind(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["kind"] = "basis" if file.attrs["kind"] == "scene" else "scene"
+
+
+def replace_experiment(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["experiment"] = "other"
+
+
+def drop_dataset(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        names: list[str] = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        del file[sorted(names)[0].split("/")[0]]
+
+
+ARTEFACTS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {
+    "missing": (lambda path: path.unlink(), ("does not exist; run `ldsim ",)),
+    "empty": (lambda path: path.write_bytes(b""), ("is not a readable HDF5 file",)),
+    "truncated": (lambda path: os.truncate(path, path.stat().st_size // 2), ("is not a readable HDF5 file",)),
+    "foreign": (lambda path: path.write_text("Vertices\n5\n"), ("is not a readable HDF5 file",)),
+    "of another kind": (replace_kind, ("; expected '",)),
+    "of another experiment": (replace_experiment, ("belongs to the experiment 'other'", "belongs to another experiment")),
+    "without a group": (drop_dataset, ("lacks the dataset",)),
+}
+
+
+@pytest.mark.parametrize(("command", "file"), [(command, file) for command in COMMANDS for file in READS[command]])
+@pytest.mark.parametrize("case", ARTEFACTS)
+def test_a_bad_artefact(experiment: Experiment, command: str, file: str, case: str) -> None:
+    spoil, words = ARTEFACTS[case]
+    spoil(experiment.run / file)
+    message = refusal(experiment, command)
+    assert file in message
+    assert any(word in message for word in words), message
+
+
+@every_command
+def test_a_configuration_under_another_name_does_not_take_the_artefacts_of_the_first(
+    experiment: Experiment, command: str
+) -> None:
+    if READS[command]:
+        experiment.change("experiment", "other")
+        experiment.run.rename(experiment.run.with_name("other"))
+        message = refused(experiment.invoke(command))
+        assert "belongs to the experiment 'tiny', expected 'other'" in message
+
+
+# The mesh file
+
+
+def mesh_file(name: str, content: str | None) -> Callable[[Experiment], None]:
+    def spoil(experiment: Experiment) -> None:
+        if content is not None:
+            (experiment.folder / name).write_text(content, encoding="utf-8")
+        experiment.change("mesh.shape", ...)
+        text = experiment.config.read_text(encoding="utf-8")
+        experiment.config.write_text(text.replace("mesh:\n", f"mesh:\n  file: {name}\n", 1), encoding="utf-8")
+
+    return spoil
+
+
+GOOD = TETS.format(apex="0 0 -1", cell="1 3 2 5")
+MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
+    "missing": (mesh_file("no.mesh", None), "no.mesh does not exist"),
+    "missing from the data": (mesh_file("$LDSIM_DATA/no.mesh", None), "lawsonfulton/AutoDef"),
+    "empty": (mesh_file("a.mesh", ""), "a.mesh is empty"),
+    "truncated": (mesh_file("a.mesh", GOOD[: GOOD.index("0 0 1 0")]), "a.mesh is not a readable .mesh file"),
+    "foreign": (mesh_file("a.vtk", "%PDF-1.4\n"), "a.vtk is not a readable .vtk file"),
+    "of an unknown format": (mesh_file("a.doc", GOOD), "unknown extension '.doc'"),
+    "a surface": (mesh_file("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), "holds no tetrahedra"),
+    "inverted cells": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 2 3 5")), "mesh.reorient"),
+    "flat cells": (mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5")), "volume"),
+    "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "not finite"),
+    "vertices out of range": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 3 2 9")), "a.mesh"),
+    "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, cross"),
+    "pins that hold nothing": (
+        change("mesh.pins", [{"ball": {"centre": [9, 9, 9], "radius": 0.1}}]),
+        "pins no vertex",
+    ),
+    "pins that hold all": (change("mesh.pins", [{"slab": {"axis": "x", "thickness": 9}}]), "at least one must be free"),
+}
+
+
+@pytest.mark.parametrize("case", MESHES)
+def test_a_bad_mesh(experiment: Experiment, case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("LDSIM_DATA", raising=False)
+    spoil, words = MESHES[case]
+    spoil(experiment)
+    assert words in refusal(experiment, "mesh")
+
+
+def test_the_mesh_file_that_the_bad_ones_are_made_from_is_good(experiment: Experiment) -> None:
+    mesh_file("a.mesh", GOOD)(experiment)
+    assert experiment.invoke("mesh").exit_code == 0
+
+
+# The motions
+
+
+def recording(content: str | None) -> Callable[[Experiment], None]:
+    def spoil(experiment: Experiment) -> None:
+        if content is not None:
+            (experiment.folder / "a.csv").write_text(content, encoding="utf-8")
+        experiment.change("snapshot.motions", [{"name": "a", "recording": "a.csv"}])
+
+    return spoil
+
+
+MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
+    "missing": (recording(None), "a.csv does not exist"),
+    "empty": (recording(""), "holds no frames"),
+    "without a column": (recording("is_dragging,target_x\n1,2\n"), "lacks the column 'target_y'"),
+    "without a stiffness": (recording(RECORDING.format(rows=MISS).split("\n", 1)[1]), "needs a line '# spring_stiff"),
+    "not numbers": (recording(RECORDING.format(rows="1,a,b,c,d,e,f")), "does not hold seven numbers"),
+    "not finite": (recording(RECORDING.format(rows="1,nan,0,0,0,0,0")), "not finite"),
+    "a grab that hits no vertex": (recording(RECORDING.format(rows=MISS)), "hits no vertex"),
+    "a grab of pinned vertices": (recording(RECORDING.format(rows="1,0,-1,0,0.09,-0.075,0")), "only pinned vertices"),
+}
+
+
+@pytest.mark.parametrize("case", MOTIONS)
+def test_a_bad_motion(experiment: Experiment, case: str) -> None:
+    spoil, words = MOTIONS[case]
+    spoil(experiment)
+    if case == "a grab of pinned vertices":
+        text = experiment.folder / "a.csv"
+        text.write_text(text.read_text().replace("grab_radius_m: 0.03", "grab_radius_m: 0.001"))
+    assert words in refusal(experiment, "snapshot")
+
+
+def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
+    experiment.configure(TINY | {"simulate": {"motions": ["z"]}})
+    assert "simulate.motions names 'z'; the snapshots hold a, b" in refusal(experiment, "simulate")
+
+
+# Where the artefact goes
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
+def test_a_full_disk(experiment: Experiment, command: str) -> None:
+    with full_disk(2048):
+        message = refusal(experiment, command)
+    assert message.startswith("cannot write ")
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
+def test_a_name_that_cannot_be_written(experiment: Experiment, command: str) -> None:
+    target = experiment.run / WRITES[command]
+    target.unlink()
+    (target / "in the way").mkdir(parents=True)
+    message = refusal(experiment, command)
+    assert message.startswith(f"cannot write {target}: ")
+
+
+def test_a_folder_that_cannot_be_made(experiment: Experiment) -> None:
+    in_the_way = experiment.folder / "file"
+    in_the_way.touch()
+    result = CliRunner().invoke(main, ["mesh", str(experiment.config), "--runs", str(in_the_way / "runs")])
+    assert "cannot write " in refused(result)
+    result = CliRunner().invoke(main, ["settings", str(experiment.config), "--stamps", str(in_the_way / "stamps")])
+    assert "cannot write " in refused(result)
+
+
+# info
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "does not exist"), (b"", "is not a readable HDF5 file"), (b"Vertices", "is not a readable HDF5 file")],
+)
+def test_info_of_what_is_no_artefact(tmp_path: Path, content: bytes | None, words: str) -> None:
+    path = tmp_path / "a.h5"
+    if content is not None:
+        path.write_bytes(content)
+    assert words in refused(CliRunner().invoke(main, ["info", str(path)]))
+
+
+def test_info_of_a_foreign_hdf5_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = np.eye(2)
+    assert "is not an ldsim artefact" in refused(CliRunner().invoke(main, ["info", str(path)]))

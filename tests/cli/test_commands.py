@@ -1,0 +1,117 @@
+"""What every command has in common when all goes well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ldsim import __version__
+from ldsim.cli.main import COMMANDS as KNOWN
+from ldsim.cli.main import main
+from ldsim.settings import STAGES
+from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment
+
+ALL = [*COMMANDS, "info", "settings"]
+
+
+def test_all_commands_are_listed_in_the_order_they_run() -> None:
+    assert list(KNOWN) == [*STAGES, "info", "settings"]
+    text = CliRunner().invoke(main, ["-h"]).stdout
+    places = [text.index(f"  {name} ") for name in KNOWN]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("command", ALL)
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_every_command_explains_itself(command: str, flag: str) -> None:
+    result = CliRunner().invoke(main, [command, flag])
+    assert result.exit_code == 0
+    assert result.stdout.startswith("Usage: ")
+    assert f" {command} " in result.stdout.splitlines()[0]
+
+
+@pytest.mark.parametrize("arguments", [["--version"], *([command, "--version"] for command in ALL)], ids=" ".join)
+def test_every_command_tells_the_version(arguments: list[str]) -> None:
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0
+    assert result.stdout == f"ldsim, version {__version__}\n"
+
+
+@pytest.mark.parametrize("arguments", [["no-such-command"], ["mesh"], ["mesh", "a", "b"], ["info"]], ids=" ".join)
+def test_a_wrong_call_shows_the_usage(arguments: list[str]) -> None:
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert result.stderr.startswith("Usage: ")
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
+def test_info_tells_the_kind_and_what_an_artefact_was_made_from(experiment: Experiment, command: str) -> None:
+    path = experiment.run / WRITES[command]
+    result = CliRunner().invoke(main, ["info", str(path)])
+    assert result.exit_code == 0
+    first, *rest = result.stdout.splitlines()
+    assert first.startswith(f"{path}: {path.stem}, written by ldsim {__version__} on ")
+    assert "  experiment: tiny" in rest
+    made_from = {line.split()[2].rstrip(":") for line in rest if line.startswith("  made from ")}
+    assert made_from <= {name.removesuffix(".h5") for name in READS[command]}
+    assert "datasets:" in rest
+
+
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
+def test_a_stage_repeats_itself(experiment: Experiment, command: str) -> None:
+    """All but times and the date: run again on the same input, a stage writes the same numbers."""
+    import h5py
+
+    def content(path: Path) -> dict[str, bytes]:
+        with h5py.File(path, "r") as file:
+            found: dict[str, bytes] = {}
+            file.visititems(
+                lambda name, item: (
+                    found.update({name: item[()].tobytes()})
+                    if isinstance(item, h5py.Dataset) and "seconds" not in name
+                    else None
+                )
+            )
+            return found
+
+    path = experiment.run / WRITES[command]
+    before = content(path)
+    assert experiment.invoke(command).exit_code == 0
+    after = content(path)
+    if command == "simulate":  # which minimiser is the fastest may differ from run to run, and with it the last digits
+        assert before.keys() == after.keys()
+    else:
+        assert before == after
+
+
+def test_settings_prints_the_configuration_with_defaults(experiment: Experiment) -> None:
+    result = CliRunner().invoke(main, ["settings", str(experiment.config)])
+    assert result.exit_code == 0
+    printed = yaml.safe_load(result.stdout)
+    assert printed["mesh"]["density"] == 1000.0
+    assert set(printed) == {"experiment", *STAGES}
+
+
+def test_stamps_are_written_once_and_then_only_where_something_changed(experiment: Experiment) -> None:
+    folder = experiment.folder / "stamps"
+    arguments = ["settings", str(experiment.config), "--stamps", str(folder)]
+
+    def times() -> dict[str, int]:
+        assert CliRunner().invoke(main, arguments).exit_code == 0
+        return {path.stem: path.stat().st_mtime_ns for path in folder.iterdir()}
+
+    first = times()
+    assert set(first) == set(STAGES)
+    assert times() == first
+    experiment.change("train.epochs", 21)
+    after = times()
+    assert {stage for stage in STAGES if after[stage] != first[stage]} == {"train"}
+
+
+def test_settings_refuses_a_configuration_of_another_experiment(experiment: Experiment) -> None:
+    result = CliRunner().invoke(main, ["settings", str(experiment.config), "--experiment", "other"])
+    assert result.exit_code == 1
+    assert "experiment is 'tiny', expected 'other'" in result.stderr

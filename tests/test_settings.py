@@ -1,0 +1,209 @@
+"""Settings: what is allowed, what a refusal says, and what a stamp depends on."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from ldsim.errors import SettingsError
+from ldsim.settings import STAGES, Settings, dump, load_settings, resolve_path, stage_settings, stamp
+
+SMALLEST: dict[str, Any] = {
+    "experiment": "small",
+    "mesh": {
+        "shape": {"name": "beam"},
+        "material": {"youngs_modulus": 1.0e5},
+        "pins": [{"slab": {"axis": "x", "thickness": 0.01}}],
+    },
+    "snapshot": {"motions": [{"name": "a", "pulls": {"count": 1, "reach": 0.1}}]},
+}
+
+
+def written(folder: Path, content: object) -> Path:
+    path = folder / "small.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+def changed(path: str, value: object) -> dict[str, Any]:
+    """The smallest configuration with one dotted key set, or removed where the value is `...`."""
+    content: dict[str, Any] = copy.deepcopy(SMALLEST)
+    *sections, last = path.split(".")
+    place: Any = content
+    for part in sections:
+        place = place[int(part)] if part.isdigit() else place.setdefault(part, {})
+    if value is ...:
+        del place[last]
+    else:
+        place[last] = value
+    return content
+
+
+def test_the_smallest_configuration_is_complete(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, SMALLEST))
+    assert settings.mesh.time_step == 0.005
+    assert settings.snapshot.motions[0].role == "train"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("trian", {}, ["unknown key 'trian'", "did you mean 'train'"]),
+        ("train.learnig_rate", 1e-3, ["unknown key 'train.learnig_rate'", "did you mean 'learning_rate'"]),
+        ("mesh.material.youngs", 1.0, ["unknown key 'mesh.material.youngs'", "did you mean 'youngs_modulus'"]),
+        ("mesh.pins.0.slab.axes", "x", ["unknown key 'mesh.pins.0.slab.axes'", "did you mean 'axis'"]),
+        ("snapshot.motions.0.pulls.sed", 1, ["unknown key 'snapshot.motions.0.pulls.sed'", "did you mean 'seed'"]),
+        ("pca.zzz", 1, ["unknown key 'pca.zzz'", "known are", "tolerance_mm"]),
+        ("train.epochs", "many", ["train.epochs", "integer", "'many'"]),
+        ("train.epochs", 1.5, ["train.epochs", "integer", "1.5"]),
+        ("mesh.gravity", [0, 1], ["mesh.gravity"]),
+        ("mesh.material", 3, ["mesh.material", "3"]),
+        ("train.r", 0, ["train.r", "greater than or equal to 1", "0"]),
+        ("mesh.material.poisson_ratio", 0.5, ["mesh.material.poisson_ratio", "less than 0.5"]),
+        ("mesh.time_step", -0.1, ["mesh.time_step", "greater than 0", "-0.1"]),
+        ("mesh.density", float("nan"), ["mesh.density", "nan"]),
+        ("mesh.time_step", float("inf"), ["mesh.time_step", "inf"]),
+        ("mesh.gravity", [0, float("nan"), 0], ["mesh.gravity", "nan"]),
+        ("mesh.material.model", "rubber", ["mesh.material.model", "'neo_hookean'", "'rubber'"]),
+        ("experiment", "../x", ["experiment", "'../x'"]),
+        ("mesh.file", "x.mesh", ["mesh", "exactly one of file, shape"]),
+        ("mesh.shape", ..., ["mesh", "exactly one of file, shape"]),
+        ("snapshot.motions.0.recording", "x.csv", ["snapshot.motions.0", "exactly one of recording, pulls"]),
+        ("mesh.pins.0.ball", {"centre": [0, 0, 0], "radius": 1}, ["mesh.pins.0", "exactly one of slab, ball"]),
+        ("mesh", ..., ["mesh is missing"]),
+        ("snapshot", ..., ["snapshot is missing"]),
+        ("experiment", ..., ["experiment is missing"]),
+        ("mesh.pins", [], ["mesh.pins", "at least 1"]),
+        ("snapshot.motions.0.role", "heldout", ["snapshot", "at least one motion must have the role train"]),
+    ],
+)
+def test_a_fault_is_named_with_its_path_and_what_is_allowed(
+    tmp_path: Path, path: str, value: object, words: list[str]
+) -> None:
+    config = written(tmp_path, changed(path, value))
+    with pytest.raises(SettingsError) as caught:
+        load_settings(config)
+    message = str(caught.value)
+    assert str(config) in message
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_two_motions_of_one_name_are_refused(tmp_path: Path) -> None:
+    twice = changed("snapshot.motions", SMALLEST["snapshot"]["motions"] * 2)
+    with pytest.raises(SettingsError, match="different names, got a, a"):
+        load_settings(written(tmp_path, twice))
+
+
+def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
+    content = changed("train.r", 0) | {"pca": {"k": -1}}
+    with pytest.raises(SettingsError, match=r"pca\.k.*train\.r"):
+        load_settings(written(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"# only a comment\n", "is empty"),
+        (b"- a\n- b\n", "expected a mapping"),
+        (b"mesh: [1, 2\n", "not valid YAML"),
+        (b"\xff\xfe\x00", "not valid YAML"),
+        (b"experiment: !!python/object:os.system {}\n", "not valid YAML"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_refused_in_one_line(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_bytes(content)
+    with pytest.raises(SettingsError, match=words) as caught:
+        load_settings(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_dumped_with_defaults_loads_as_the_same_settings(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, SMALLEST))
+    again = tmp_path / "again.yaml"
+    again.write_text(dump(settings), encoding="utf-8")
+    assert load_settings(again) == settings
+    assert dump(load_settings(again)) == dump(settings)
+
+
+def test_every_stage_has_a_section(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, SMALLEST))
+    assert set(STAGES) | {"experiment"} == set(Settings.model_fields)
+    for stage in STAGES:
+        assert type(stage_settings(settings, stage)).__name__ == f"{stage.capitalize()}Settings"
+
+
+def stamps(config: Path) -> dict[str, str]:
+    return {stage: stamp(load_settings(config), stage, config) for stage in STAGES}
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A configuration that reads a mesh file and a recording."""
+    (tmp_path / "a.mesh").write_text("one mesh", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("one recording", encoding="utf-8")
+    content = changed("snapshot.motions", [{"name": "a", "recording": "a.csv"}])
+    del content["mesh"]["shape"]
+    content["mesh"]["file"] = "a.mesh"
+    return written(tmp_path, content)
+
+
+def retouched(path: Path, edit: Callable[[str], str]) -> None:
+    path.write_text(edit(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("file", "edit", "expected"),
+    [
+        ("small.yaml", lambda text: f"# a comment\n{text}", set()),
+        ("small.yaml", lambda text: f"{text}train: {{epochs: 7}}\n", {"train"}),
+        ("small.yaml", lambda text: f"{text}train: {{epochs: 1500}}\n", set()),
+        ("a.mesh", lambda text: "another mesh", {"mesh"}),
+        ("a.csv", lambda text: "another recording", {"snapshot"}),
+        ("a.mesh", lambda text: text, set()),
+    ],
+    ids=["comment", "setting", "setting equal to its default", "mesh file", "recording", "mesh file touched"],
+)
+def test_a_stamp_changes_with_values_and_file_contents_alone(
+    recorded: Path, file: str, edit: Callable[[str], str], expected: set[str]
+) -> None:
+    before = stamps(recorded)
+    retouched(recorded.parent / file, edit)
+    after = stamps(recorded)
+    assert {stage for stage in STAGES if before[stage] != after[stage]} == expected
+
+
+def test_without_the_data_variable_the_message_says_what_is_missing_and_where_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("LDSIM_DATA", raising=False)
+    with pytest.raises(SettingsError, match=r"\$LDSIM_DATA/x\.mesh needs .* LDSIM_DATA.*lawsonfulton/AutoDef"):
+        resolve_path("$LDSIM_DATA/x.mesh", tmp_path / "c.yaml")
+
+
+def test_a_file_missing_from_the_data_folder_is_named_with_the_variable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LDSIM_DATA", str(tmp_path))
+    with pytest.raises(SettingsError, match=r"x\.mesh does not exist; LDSIM_DATA says"):
+        resolve_path("${LDSIM_DATA}/x.mesh", tmp_path / "c.yaml")
+
+
+def test_a_path_is_relative_to_the_configuration_unless_it_starts_with_the_data_variable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, configs = tmp_path / "data", tmp_path / "configs"
+    for folder in (data, configs):
+        folder.mkdir()
+        (folder / "x.mesh").touch()
+    monkeypatch.setenv("LDSIM_DATA", str(data))
+    assert resolve_path("x.mesh", configs / "c.yaml") == configs / "x.mesh"
+    assert resolve_path("$LDSIM_DATA/x.mesh", configs / "c.yaml") == data / "x.mesh"
