@@ -4,7 +4,8 @@ CONFIG ?= configs/$(EXPERIMENT).yaml
 RUNS ?= runs
 PYTHON ?= python3
 VENV ?= .venv
-TORCH_INDEX ?= 
+# The address of PyTorch's CPU wheels, where the default index has only the builds for CUDA (gigabytes).
+TORCH_INDEX ?=
 
 RUN := $(RUNS)/$(EXPERIMENT)
 ENVIRONMENT := $(VENV)/.installed
@@ -52,8 +53,7 @@ FORCE:
 $(ENVIRONMENT): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing the packages of pyproject.toml into $(VENV), some minutes and about 1.5 GB"
-	@# torch comes first and with the index of its CPU builds: pip otherwise takes a CUDA build of gigabytes.
-	$(VENV)/bin/python -m pip install --quiet --no-deps --retries 2 --extra-index-url $(TORCH_INDEX) \
+	$(VENV)/bin/python -m pip install --quiet $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
 	    $(shell sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
 	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
 	@touch $@

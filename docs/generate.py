@@ -31,8 +31,8 @@ variable of that name. A key in brackets, `pins[]`, is an entry of a list. "Requ
 is given. Lengths are in metres, times in seconds, unless the name of the key says otherwise. Write numbers with an
 exponent as `6.0e+4`; YAML reads `6e4` as text, which is then turned into a number.
 
-Editors that know the YAML language server complete and check keys against [schema.json](schema.json) when the first line
-of a configuration in `configs/` is
+Editors that know the YAML language server complete and check keys against [schema.json](schema.json) when the first
+line of a configuration in `configs/` is
 
     # yaml-language-server: $schema=../docs/schema.json
 
@@ -74,24 +74,24 @@ HEADER_MEANINGS = {
 }
 
 SYMBOLS = (
-    "n vertices · m cells · a nodes of a cell · s quadrature points · N frames (in `singular_values`: training snapshots) "
-    "· k PCA dimension · r latent dimension · c cubature points · D drags · T frames of all drags together · H held "
-    "vertices of all drags together · d = 3n · e = k + 1 · l sets of the ladder (in cubature.h5, a is the points of all sets "
-    "together) · i, o inputs and outputs of a layer."
+    "n vertices · m cells · a nodes of a cell (in cubature.h5: points of all sets together) · s quadrature points · "
+    "N frames (in `singular_values`: training snapshots) · k PCA dimension · r latent dimension · c cubature points · "
+    "D drags · T frames of all drags together · H held vertices of all drags together · d = 3n · e = k + 1 · l sets of "
+    "the ladder · i, o inputs and outputs of a layer."
 )
 
 NOTES = {
-    "snapshots": "Each group `motions/<name>` has the attributes `role` (`train` or `heldout`), `order` (its place in the "
-    "configuration) and `frames` (N). Drags and held vertices of all drags lie one after another; `drag_frames` and "
-    "`held_count` say where one ends.",
+    "snapshots": "Each group `motions/<name>` has the attributes `role` (`train` or `heldout`), `order` (its place in "
+    "the configuration) and `frames` (N). Drags and held vertices of all drags lie one after another; `drag_frames` "
+    "and `held_count` say where one ends.",
     "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
     "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
     "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](theory.md)).",
     "cubature": "The groups are `latent` and `linear`. A ladder holds sets of growing size and falling error; the last "
     "is the one in `points` and `weights`. The header also has the seconds that each of the two fits took.",
-    "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space is "
-    "timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there on. The "
-    "header also names the minimiser that was fastest in each space.",
+    "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space "
+    "is timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there "
+    "on. The header also names the minimiser that was fastest in each space.",
 }
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ldsim.mechanics.materials import energy_stress, tangent
 from ldsim.reduction.decoder import REASSOCIATE, Layers, decode, decode_jacobian, decode_vjp
-from ldsim.solvers.lbfgs import MAX_BACKTRACKS, accepts, backward_loop, forward_loop, shorter_step
+from ldsim.solvers.lbfgs import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
 from ldsim.solvers.solution import Reason
 
 Array = NDArray[np.float64]
@@ -429,7 +429,9 @@ def step(
             accepted = accepts(f, slope, length, f_new, slope_new)
             if accepted:
                 break
-            length = shorter_step(f, slope, length, f_new)
+            length = next_step(f, slope, length, f_new, slope_new)
+            if length * math.sqrt(_inner(d, d)) <= EPSILON * math.sqrt(_inner(z, z)):
+                break
         if not accepted:
             decode(model.layers, z, work.hidden, work.q)
             return iteration, evaluations, NO_DECREASE, f, norm

@@ -132,7 +132,7 @@ class ReducedStepper:
         """Advance by one time step; the returned state is new, the given one unchanged."""
         held = tuple(grab.vertices for grab in grabs)
         renew = state.factor is None or state.excess > RENEWAL_COST or not _same(held, state.held)
-        factor = np.empty((len(state.z), len(state.z))) if state.factor is None else state.factor.copy()
+        factor = np.eye(len(state.z)) if state.factor is None else state.factor.copy()
         z = state.z.copy()
         iterations, evaluations, reason, value, norm = step(
             self._model,
@@ -145,10 +145,12 @@ class ReducedStepper:
             self._options,
             self._work,
         )
+        q, solution = self._work.q.copy(), Solution(value, norm, iterations, evaluations, Reason(reason))
+        if renew and iterations == 0:  # nothing was factorised, so the next step must
+            return ReducedState(z, state.z, q, state.q), solution
         fresh = iterations if renew else state.fresh_iterations
         excess = 0 if renew else state.excess + max(iterations - fresh, 0)
-        advanced = ReducedState(z, state.z, self._work.q.copy(), state.q, factor, held, fresh, excess)
-        return advanced, Solution(value, norm, iterations, evaluations, Reason(reason))
+        return ReducedState(z, state.z, q, state.q, factor, held, fresh, excess), solution
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""

@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# Of the automatic view, degrees: off the broadside, to the side where the lamp lights it, and above the horizon.
+TURN = 25.0
+RAISED, RAISED_OVER_FLAT = 14.0, 40.0
+# Ratios: of horizontal variances above which no direction is the thin one; of height to breadth below which it is flat.
+ROUND, FLAT = 0.7, 0.4
+
 
 @dataclass(frozen=True)
 class View:
@@ -41,6 +47,34 @@ def look_at(
     diagonal = float(np.linalg.norm(high - low))
     distance = None if distance_in_diagonals is None else max(distance_in_diagonals * diagonal, 1e-9)
     return View(azimuth, elevation, (x, y, z), distance)
+
+
+def upright(gravity: Array) -> Array:
+    """The rotation (3, 3) that turns `gravity` (3,) to −y, the screen's down; the identity without gravity."""
+    strength = float(np.linalg.norm(gravity))
+    up = -gravity / strength if strength > 0 else np.array([0.0, 1.0, 0.0])
+    if up[1] < -1 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula for the rotation of `up` to y about their common normal.
+    x, z = float(up[0]), float(up[2])
+    K = np.array([[0.0, -x, 0.0], [x, 0.0, z], [0.0, -z, 0.0]])
+    R: Array = np.eye(3) + K + K @ K / (1 + up[1])
+    return R
+
+
+def look_at_broadside(rest: Array, positions: Array) -> View:
+    """A view of all positions (..., 3), metres, from where the solid at rest, (n, 3), is broad and not deep.
+
+    It looks along the horizontal direction of least extent, turned and raised a little so that depth shows; a solid
+    about as broad as deep is seen from the front, a flat one from higher up.
+    """
+    ground = rest[:, [0, 2]] - rest[:, [0, 2]].mean(axis=0)
+    variances, directions = np.linalg.eigh(ground.T @ ground)
+    x, z = directions[:, 0] * (1 if directions[1, 0] >= 0 else -1)
+    azimuth = float(np.degrees(np.arctan2(x, z))) if variances[0] < ROUND * variances[1] else 0.0
+    extents = np.ptp(rest, axis=0)
+    flat = extents[1] < FLAT * min(extents[0], extents[2])
+    return look_at(positions, azimuth + TURN, RAISED_OVER_FLAT if flat else RAISED)
 
 
 def screen_positions(view: View, positions: Array) -> Array:

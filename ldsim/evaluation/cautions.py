@@ -19,12 +19,14 @@ def cautions(report: Mapping[str, Any], cubature_tolerance: float | None = None)
         cubature_tolerance: relative error that was asked of cubature; None skips that check.
 
     Returns:
-        Sentences: diverged runs, held-out motions missed by more than 10 %, cubature worse than asked for, and
-        spaces that reconstruct held-out frames three times worse than those they were trained on.
+        Sentences: diverged runs, held-out motions missed by more than 10 %, latent steps slower than linear
+        ones, cubature worse than asked for, and spaces that reconstruct held-out frames three times worse than those
+        they were trained on.
     """
     return [
         *_diverged(report),
         *_large_online_errors(report),
+        *_slower_than_linear(report),
         *_cubature_misses(report, cubature_tolerance),
         *_reconstruction_gaps(report),
     ]
@@ -32,7 +34,7 @@ def cautions(report: Mapping[str, Any], cubature_tolerance: float | None = None)
 
 def _diverged(report: Mapping[str, Any]) -> list[str]:
     return [
-        f"The {space} run of motion {run['motion']} diverged; its times and errors end where it did."
+        f"The {space} run of motion {run['motion']} diverged; its times end where it did, and it has no errors."
         for space, runs in report["simulate"].items()
         for run in runs
         if run["diverged"]
@@ -50,6 +52,16 @@ def _large_online_errors(report: Mapping[str, Any]) -> list[str]:
                     f"{readable(100 * error)} % of the mean displacement away from full space."
                 )
     return found
+
+
+def _slower_than_linear(report: Mapping[str, Any]) -> list[str]:
+    faster = report["speedup"]["latent_over_linear"]
+    if faster is None or faster >= 1:
+        return []
+    return [
+        f"A latent step takes {readable(1 / faster)} times as long as a step in the linear space that holds the "
+        "training poses as well."
+    ]
 
 
 def _cubature_misses(report: Mapping[str, Any], tolerance: float | None) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ldsim.evaluation.errors import ErrorSummary
@@ -16,6 +17,7 @@ from ldsim.evaluation.plotting import (
     INK,
     LATENT,
     LINEAR,
+    MAX_POINTS,
     SPACE_COLOURS,
     legend,
     log_scale,
@@ -76,6 +78,7 @@ def error_against_k(
         autoencoder: its error on the training frames, drawn as two horizontal lines.
     """
     figure, ax = new_axes("number of PCA modes", "vertex distance, mm", height=3.5)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", (0, (4, 2)))):
         if curve is not None:
             ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, ls=dashes, lw=1.7, label=f"max, {name}")
@@ -94,7 +97,9 @@ def error_against_k(
 def singular_values(values: Array, marks: Mapping[str, int] | None = None) -> str:
     """Singular values (K,) relative to the first: how fast the motions' variety fades; `marks` as above."""
     figure, ax = new_axes("mode", "singular value / first")
-    ax.plot(*thinned(np.arange(1.0, len(values) + 1), values / values[0]), color=LINEAR, lw=1.7)
+    shown = np.unique(np.geomspace(1, len(values), MAX_POINTS).round().astype(int))
+    ax.plot(shown, values[shown - 1] / values[0], color=LINEAR, lw=1.7)
+    log_scale(ax, "x")
     log_scale(ax, "y")
     _mark_modes(ax, marks or {})
     return to_svg(figure, "Singular values of the snapshots, relative to the first")
@@ -183,7 +188,7 @@ def step_times(times: Mapping[str, StepTime]) -> str:
 
 
 def online_error_over_time(
-    seconds: Array, mean_mm: Mapping[str, Array], grabs: Sequence[tuple[float, float]] = ()
+    seconds: Array, mean_mm: Mapping[str, Array], grabs: Sequence[tuple[float, float]] = (), motion: str = ""
 ) -> str:
     """Mean vertex distance to the full-space run over a motion.
 
@@ -191,8 +196,10 @@ def online_error_over_time(
         seconds: time of each frame, (N,).
         mean_mm: space → mean vertex distance of each frame, (N,), millimetres; a curve ends where it diverged.
         grabs: begin and end of each grab, seconds; shaded.
+        motion: its name, which tells the figure from those of other motions.
     """
-    figure, ax = new_axes("time, s", "mean vertex distance, mm")
+    where = f"motion {motion}: " if motion else ""
+    figure, ax = new_axes(f"{where}time, s", "mean vertex distance, mm")
     for i, (begin, end) in enumerate(grabs):
         ax.axvspan(begin, end, color=INK, alpha=0.08, lw=0, label="grabbed" if i == 0 else None)
     for space, curve in mean_mm.items():
@@ -200,7 +207,7 @@ def online_error_over_time(
     ax.set_ylim(bottom=0)
     ax.margins(x=0.01)
     legend(ax)
-    return to_svg(figure, "Mean vertex distance to the full-space run over time")
+    return to_svg(figure, f"{where.capitalize()}mean vertex distance to the full-space run over time")
 
 
 def _line_label(ax: Axes, y: float, text: str, side: Literal["left", "right"] = "right") -> None:

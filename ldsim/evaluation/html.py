@@ -113,5 +113,6 @@ def picture(name: str, data: bytes) -> Markup:
     else:
         raise ValueError(f"picture {name!r} begins with {data[:12]!r}; expected PNG or WebP")
     source = f"data:image/{kind};base64,{b64encode(data).decode('ascii')}"
-    caption = name[:1].upper() + name[1:].replace("_", " ")
-    return element("figure", element("img", src=source, alt=caption), element("figcaption", caption), class_="picture")
+    caption = name[:1].upper() + name[1:]
+    image = element("div", element("img", src=source, alt=caption), class_="scroll", tabindex="0")
+    return element("figure", image, element("figcaption", caption), class_="picture")

@@ -40,6 +40,8 @@ border-left:.3rem solid var(--alarm);border-radius:2px}
 .pictures{margin-top:2.4rem}
 figure{margin:0 0 1.8rem}
 img{display:block;width:100%;height:auto}
+.picture .scroll{margin:0}
+.picture img{min-width:42rem}
 figcaption{color:var(--soft);font-size:.9rem;margin-top:.5rem}
 .facts{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,20rem),1fr));column-gap:2.5rem;
 margin-bottom:.9rem}
@@ -73,5 +75,5 @@ margin-top:1.6rem;align-items:end}
 .key>div{padding:.9rem 0}.key>div+div{border-left:0;border-top:1px solid var(--line)}}
 @media print{:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
 main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
-.scroll{overflow:visible}table{font-size:.7rem}th,td{padding:.3rem .35rem}}
+.scroll{overflow:visible}.picture img{min-width:0}table{font-size:.7rem}th,td{padding:.3rem .35rem}}
 """

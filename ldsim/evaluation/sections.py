@@ -108,7 +108,8 @@ def cubature(report: Mapping[str, Any]) -> Section:
         rows.append((_space(space), number(entry["points"]), *errors, number(entry["seconds"])))
     header = ("space", "points", "relative error, training", "relative error, held-out", "seconds")
     note = _note(
-        "Forces are summed over a weighted few of the quadrature points; the error is that of the reduced force."
+        "Forces are summed over a weighted few of the quadrature points; the error is that of the reduced force. "
+        "Held-out poses are of the training motions, kept back from the fit."
     )
     return Section("Cubature", (note, table(header, rows, "Cubature sets of the two reduced spaces")), ("cubature",))
 

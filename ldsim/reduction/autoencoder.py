@@ -119,6 +119,9 @@ def train(
     held_back = max(int(round(options.validation_share * frames)), 1)
     if frames - held_back < 2:
         raise SolverError(f"{frames} training snapshots are too few to split into training and validation")
+    if not np.isfinite(q).all():
+        frame = int(np.argwhere(~np.isfinite(q))[0, 0])
+        raise SolverError(f"training snapshot {frame} is not finite; rerun snapshot")
     scale = float(np.sqrt((q**2).mean(axis=0).max()))
     if not scale > 0:
         raise SolverError("the training snapshots do not move; there is nothing to learn")

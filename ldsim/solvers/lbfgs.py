@@ -18,7 +18,8 @@ from ldsim.solvers.solution import Reason, Solution
 Array = NDArray[np.float64]
 
 ARMIJO = 1e-4
-ROUNDOFF = 1e-12
+# Values closer than this share are told apart by their slopes: the potential is a sum of large terms that cancel.
+ROUNDOFF = 1e-10
 MAX_BACKTRACKS = 40
 EPSILON = 2.0**-52
 
@@ -55,22 +56,28 @@ def forward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, coun
 def accepts(f0: float, slope0: float, step: float, f: float, slope: float) -> bool:
     """Sufficient decrease, or its form in the slopes where the values differ only by rounding.
 
-    Armijo: f ≤ f₀ + c₁ α φ'(0). Approximate: φ'(α) ≤ (2c − 1) φ'(0) with c = 0.1 while |f − f₀| is at the level of
-    rounding (Hager and Zhang 2005, Eq. 4.1), and the slope has risen from φ'(0) by a tenth or more, so that steps of
+    Armijo: f ≤ f₀ + c₁ α φ'(0). While |f − f₀| is at the level of rounding, φ'(α) ≤ (2c − 1) φ'(0) with c = 0.1 instead
+    (Hager and Zhang 2005, Eq. 4.1), and the slope has risen from φ'(0) by a tenth or more, so that steps of
     rounding size are not accepted without end.
     """
     if not f < math.inf:
         return False
-    if f <= f0 + ARMIJO * step * slope0:
-        return True
-    return f <= f0 + ROUNDOFF * abs(f0) and 0.9 * slope0 <= slope <= -0.8 * slope0
+    if abs(f - f0) <= ROUNDOFF * abs(f0):
+        return 0.9 * slope0 <= slope <= -0.8 * slope0
+    return f <= f0 + ARMIJO * step * slope0
 
 
 @njit(cache=True, nogil=True)
-def shorter_step(f0: float, slope0: float, step: float, f: float) -> float:
-    """The minimiser of the parabola through f₀, φ'(0) and f, kept within a tenth and a half of the step."""
+def next_step(f0: float, slope0: float, step: float, f: float, slope: float) -> float:
+    """The step to try after one that was not accepted.
+
+    Where the values tell, the minimiser of the parabola through f₀, φ'(0) and f, kept within a tenth and a half of the
+    step; where they differ only by rounding, the root of the secant through both slopes, at most ten times the step.
+    """
     if not f < math.inf:
         return 0.25 * step
+    if abs(f - f0) <= ROUNDOFF * abs(f0):
+        return step * min(max(slope0 / min(slope0 - slope, -1e-300), 0.1), 10.0) if slope > slope0 else 10.0 * step
     curvature = f - f0 - slope0 * step
     if curvature <= 0.0:
         return 0.5 * step
@@ -160,7 +167,7 @@ def minimise(
             slope_new = float(g_new @ d) if math.isfinite(f_new) else math.inf
             if accepts(f, slope, step, f_new, slope_new):
                 break
-            step = shorter_step(f, slope, step, f_new)
+            step = next_step(f, slope, step, f_new, slope_new)
             if step * math.sqrt(float(d @ d)) <= EPSILON * math.sqrt(float(x @ x)):
                 return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
         else:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from example_report import example_report
 
 from ldsim.evaluation.cautions import cautions
+from tests.evaluation.example_report import example_report
 
 
 def harmless_report():
@@ -27,6 +27,7 @@ def test_a_good_run_gives_none():
         (("simulate", "linear", 0, "diverged"), True, "linear run of motion x_2 diverged"),
         (("simulate", "latent", 1, "online_error", "relative"), 0.3313, "33.1 %"),
         (("cubature", "linear", "relative_error", "train"), 0.384, "stopped at a relative error of 0.384; 0.1 was"),
+        (("speedup", "latent_over_linear"), 0.4, "takes 2.50 times as long as a step in the linear"),
         (("reconstruction", "heldout", "autoencoder", "max_mm"), 27.0, "up to 27.0 mm, against 4.01 mm"),
     ],
 )

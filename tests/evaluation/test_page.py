@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_report import example_report
 
 from ldsim.evaluation.figures import StepTime, singular_values, step_times
 from ldsim.evaluation.html import VOID, number, readable
 from ldsim.evaluation.page import render_page
 from ldsim.evaluation.paper import PAPER_TABLE_1
+from tests.evaluation.example_report import example_report
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 WEBP = b"RIFF\x00\x00\x00\x00WEBP" + bytes(8)
@@ -163,6 +163,11 @@ def test_a_report_that_breaks_the_contract_is_refused():
     del report["dims"]
     with pytest.raises(ValueError, match="dims is missing"):
         page_of(report)
+
+
+def test_a_caption_keeps_the_name_of_its_motion():
+    page = render_page(example_report(), {}, {"motion x_1 at rest": PNG}, [])
+    assert "<figcaption>Motion x_1 at rest</figcaption>" in page
 
 
 def test_a_picture_of_an_unknown_kind_is_refused():

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from example_report import example_report
 
 from ldsim.evaluation.report_schema import check_report
+from tests.evaluation.example_report import example_report
 
 FREE_NAMES = (("machine", "versions"), ("stages",))
 

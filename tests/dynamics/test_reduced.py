@@ -1,0 +1,171 @@
+"""Reduced stepping: against slow NumPy, against the full space, against itself in other guises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.dynamics.full import FullState, FullStepper
+from ldsim.dynamics.potential import IncrementalPotential
+from ldsim.dynamics.reduced import value_gradient
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.pca import inner_product, orthonormalised
+from ldsim.solvers.solution import Reason
+from tests.helpers import derivative_order, scene
+
+Array = NDArray[np.float64]
+
+MINIMISERS = [{}, {"current": True}, {"newton": True}, {"inertia_in_metric": False}]
+TET = scene(beam(resolution=1), youngs_modulus=3e4)
+HEX = scene(beam(resolution=1, cell_type="hex8"), youngs_modulus=3e4)
+
+
+def full_basis(body: Scene) -> Array:
+    """Every displacement of the free vertices, mass-orthonormal, (3n, 3f)."""
+    unit = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
+    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
+    unit[rows, np.arange(len(rows))] = 1
+    return orthonormalised(unit, inner_product(body.mass, "mass"))
+
+
+def some_basis(body: Scene, k: int, seed: int = 0) -> Array:
+    """The k softest modes' worth of smooth displacements, (3n, k)."""
+    x = body.mesh.vertices
+    rng = np.random.default_rng(seed)
+    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
+    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
+    fields = [np.where(body.pinned[:, None], 0.0, field) for field in fields]
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass"))
+
+
+def curved(k: int, r: int) -> Decoder:
+    rng = np.random.default_rng(1)
+    weights = [rng.normal(size=(r, 8)), rng.normal(size=(8, k)) * 0.02]
+    return Decoder.network(weights, [rng.normal(size=8), np.zeros(k)], "elu", np.eye(k)[:, :r])
+
+
+def stepper(body: Scene, U: Array, decoder: Decoder, **options: object) -> ReducedStepper:
+    every = np.arange(body.points.n_points)
+    return ReducedStepper(body, U, decoder, every, body.points.weights, **options)  # type: ignore[arg-type]
+
+
+def pull(body: Scene, amount: float = 0.05) -> list[Grab]:
+    tip = np.argsort(body.mesh.vertices[:, 0])[-4:]
+    return [Grab(tip, body.mesh.vertices[tip].mean(axis=0) + [0, amount, amount / 2], 40.0)]
+
+
+def run(some: ReducedStepper, grabs: list[Grab], frames: int) -> list[ReducedState]:
+    states = [ReducedState.at_rest(some.decoder)]
+    for _ in range(frames):
+        state, solution = some.step(states[-1], grabs)
+        assert solution.reason == Reason.CONVERGED
+        states.append(state)
+    return states[1:]
+
+
+@pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
+def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None:
+    U = full_basis(body)
+    reduced = run(stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, current=True), pull(body), 6)
+    full, state = FullStepper(body, tolerance=1e-9), FullState.at_rest(body.mesh.n_vertices)
+    for step in reduced:
+        state, _ = full.step(state, pull(body))
+        np.testing.assert_allclose((U @ step.q).reshape(-1, 3), state.u, atol=1e-8)
+
+
+def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> None:
+    U = some_basis(TET, 6)
+    nothing = Decoder.network([np.zeros((6, 3)), np.zeros((3, 6))], [np.ones(3), np.ones(6)], "elu", np.eye(6))
+    linear = run(stepper(TET, U, Decoder.identity(6)), pull(TET), 8)
+    latent = run(stepper(TET, U, nothing), pull(TET), 8)
+    for a, b in zip(linear, latent, strict=True):
+        np.testing.assert_allclose(b.q, a.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("options", MINIMISERS, ids=str)
+@pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
+def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[str, bool]) -> None:
+    U = some_basis(TET, 6)
+    reference = run(stepper(TET, U, decoder, tolerance=1e-10), pull(TET), 8)
+    others = run(stepper(TET, U, decoder, tolerance=1e-10, **options), pull(TET), 8)
+    for a, b in zip(reference, others, strict=True):
+        np.testing.assert_allclose(b.q, a.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
+def test_the_potential_is_that_of_the_full_space_at_the_decoded_state(body: Scene) -> None:
+    U, decoder = some_basis(body, 6), curved(6, 4)
+    some, grabs = stepper(body, U, decoder), pull(body)
+    rng = np.random.default_rng(3)
+    z, predictor = 0.02 * rng.normal(size=4), 0.02 * rng.normal(size=6)
+    full = IncrementalPotential(body, (U @ predictor).reshape(-1, 3), grabs)
+    force = np.empty(len(U))
+    expected = full.value_gradient(U @ decoder(z), force)
+    gradient = np.empty(4)
+    value = value_gradient(some._model, some.springs(grabs), predictor, z, some._work, gradient)
+    assert value == pytest.approx(expected, rel=1e-10)
+    np.testing.assert_allclose(gradient, decoder.vjp(z, U.T @ force), rtol=1e-9)
+
+
+def test_the_gradient_is_the_derivative_of_the_potential() -> None:
+    U, decoder = some_basis(TET, 6), curved(6, 4)
+    some, springs = stepper(TET, U, decoder), stepper(TET, U, decoder).springs(pull(TET))
+    rng = np.random.default_rng(4)
+    z, d, predictor = 0.05 * rng.normal(size=4), 0.05 * rng.normal(size=4), np.zeros(6)
+    gradient = np.empty(4)
+
+    def value(x: Array) -> float:
+        return value_gradient(some._model, springs, predictor, x, some._work, gradient)
+
+    def slope(x: Array) -> float:
+        value(x)
+        return float(gradient @ d)
+
+    assert derivative_order(value, slope, z, d) > 1.9
+
+
+def test_a_step_depends_on_its_state_alone() -> None:
+    U, decoder = some_basis(TET, 6), curved(6, 4)
+    some = stepper(TET, U, decoder, current=True)
+    grabs = pull(TET)
+    states = run(some, grabs, 5)
+    run(some, pull(TET, -0.03), 3)
+    again, _ = some.step(states[2], grabs)
+    np.testing.assert_array_equal(again.q, states[3].q)
+
+
+def test_with_no_gravity_and_no_grab_rest_stays_rest() -> None:
+    still = scene(beam(resolution=1), gravity=(0.0, 0.0, 0.0))
+    state = run(stepper(still, some_basis(still, 6), curved(6, 4)), [], 3)[-1]
+    assert not state.q.any()
+
+
+def test_energy_never_grows_after_a_release_without_gravity() -> None:
+    still = scene(beam(resolution=1), youngs_modulus=3e4, gravity=(0.0, 0.0, 0.0))
+    U = some_basis(still, 6)
+    some = stepper(still, U, curved(6, 4))
+    state = run(some, pull(still), 10)[-1]
+    energies = []
+    for _ in range(40):
+        before = state
+        state, _ = some.step(before, [])
+        velocity = (state.q - before.q) / still.time_step
+        rest_of_step = IncrementalPotential(still, (U @ state.q).reshape(-1, 3), [])
+        energies.append(rest_of_step.value_gradient(U @ state.q, np.empty(len(U))) + 0.5 * velocity @ velocity)
+    assert (np.diff(energies) <= 1e-9 * energies[0]).all()
+    assert energies[-1] < 0.9 * energies[0]
+
+
+def test_a_start_of_infinite_energy_is_reported_and_the_state_kept() -> None:
+    U = full_basis(TET)
+    some = stepper(TET, U, Decoder.identity(U.shape[1]))
+    inverted = -2 * TET.mesh.vertices
+    inverted[TET.pinned] = 0
+    q = U.T @ (TET.mass @ inverted).ravel()
+    _, solution = some.step(ReducedState(q, q, q, q), [])
+    assert solution.reason == Reason.INFINITE_START
