@@ -122,9 +122,9 @@ def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOp
         started = time.perf_counter()
         for _, state, solution in run(stepper, tracker, _state(checkpoint), frames):
             seconds.append(time.perf_counter() - started)
-            record = (solution.iterations, solution.evaluations, solution.reason)
-            for name, value in zip(statistics, record, strict=True):
-                statistics[name].append(int(value))
+            statistics["iterations"].append(solution.iterations)
+            statistics["evaluations"].append(solution.evaluations)
+            statistics["reason"].append(int(solution.reason))
             store.append(state.u)
             store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))
             started = time.perf_counter()
