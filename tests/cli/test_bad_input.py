@@ -236,7 +236,7 @@ def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
 # Where the artefact goes
 
 
-@pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
+@every_command
 def test_a_full_disk(experiment: Experiment, command: str) -> None:
     with full_disk(2048):
         message = refusal(experiment, command)
