@@ -143,10 +143,10 @@ class TrainSettings(Section):
         (100, 100), min_length=1, description="Widths of the hidden layers of the decoder."
     )
     activation: Literal["elu", "relu", "tanh"] = Field("elu", description="Of the hidden layers.")
-    epochs: int = Field(1500, ge=1, description="Passes over the training snapshots.")
-    batch: int = Field(128, ge=1, description="Snapshots in one gradient.")
+    epochs: int = Field(2000, ge=1, description="Passes over the training snapshots.")
+    batch: int = Field(64, ge=1, description="Snapshots in one gradient.")
     learning_rate: float = Field(2e-3, gt=0, lt=1, description="Of Adam, falling along a cosine.")
-    validation_share: float = Field(0.05, gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
+    validation_share: float = Field(0.03, gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
     patience: int = Field(500, ge=1, description="Epochs without a better validation loss before stopping.")
     seed: int = Field(0, ge=0, description="Of weights, split and batches.")
 

@@ -1,0 +1,178 @@
+"""What finished runs measured, as tables and as rows with goals: python benchmarks/pipeline.py runs/demo runs/x …
+
+Reads report.json and the headers of the artefacts and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables
+of docs/measurements.md and writes benchmarks/results/pipeline.json.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+Report = dict[str, Any]
+
+RESULTS = Path(__file__).parent / "results" / "pipeline.json"
+SPACES = ("full", "linear", "latent")
+STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
+
+# Issue 2, Done when: goals of x, by quantity.
+GOALS = {
+    "r": "<= 10",
+    "autoencoder max error, training": "<= 9",
+    "autoencoder mean error, training": "<= 0.5",
+    "rest residual": "<= 1e-9",
+    "latent cubature error, held-out poses": "<= 0.05",
+    "latent cubature points": "<= 150",
+    "linear step over latent step": ">= 5",
+    "full step over latent step": ">= 500",
+    "online error, latent, x_1": "<= 0.1",
+    "all stages": "<= 2400",
+}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number for a table; null is a dash."""
+    return "–" if value is None else f"{value:,.{digits}g}" if abs(value) < 1000 else f"{value:,.0f}"
+
+
+def pair(entry: Report | None) -> str:
+    return "–" if entry is None else f"{number(entry['max_mm'])} / {number(entry['mean_mm'])}"
+
+
+def table(title: str, head: list[str], lines: list[list[str]]) -> str:
+    """A Markdown table under a heading."""
+    rows = [head, ["---"] * len(head), *lines]
+    return f"## {title}\n\n" + "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
+
+
+def size_table(reports: list[Report], sizes: list[float]) -> str:
+    def line(name: str, values: list[object]) -> list[str]:
+        return [name, *(f"{value:,}" if isinstance(value, int) else str(value) for value in values)]
+
+    lines = [
+        *(line(f"`mesh.{key}`", [r["mesh"][key] for r in reports]) for key in ("vertices", "cells", "quadrature_points")),
+        *(line(f"`dims.{key}`", [r["dims"][key] for r in reports]) for key in ("k", "r", "kp")),
+        line("size of the run's folder, MB", [f"{size:,.0f}" for size in sizes]),
+    ]
+    return table("Size", ["", *(r["experiment"] for r in reports)], lines)
+
+
+def reconstruction_table(reports: list[Report]) -> str:
+    methods = ("autoencoder", "pca_r", "pca_kp", "pca_k")
+    lines = [
+        [f"{label}, {method}", *(pair((r["reconstruction"][role] or {}).get(method)) for r in reports)]
+        for role, label in (("train", "training"), ("heldout", "held out"))
+        for method in methods
+    ]
+    lines.append(["`rest_residual_mm`", *(number(r["rest_residual_mm"]) for r in reports)])
+    return table("Reconstruction, mm (max / mean)", ["", *(r["experiment"] for r in reports)], lines)
+
+
+def cubature_table(reports: list[Report]) -> str:
+    lines = []
+    for space in ("latent", "linear"):
+        sets = [r["cubature"][space] for r in reports]
+        errors = [(entry["relative_error"]["train"], entry["relative_error"]["heldout"]) for entry in sets]
+        lines.append([f"{space}: points", *(str(entry["points"]) for entry in sets)])
+        lines.append([f"{space}: relative error, fitted / kept-back poses", *(f"{a:.3f} / {b:.3f}" for a, b in errors)])
+        lines.append([f"{space}: seconds", *(f"{entry['seconds']:.1f}" for entry in sets)])
+    return table("Cubature", ["", *(r["experiment"] for r in reports)], lines)
+
+
+def simulation_table(reports: list[Report]) -> str:
+    lines = []
+    for report in reports:
+        for space in SPACES:
+            for entry in report["simulate"][space]:
+                error = entry["online_error"] or dict.fromkeys(("relative", "windowed", "max_mm", "mean_mm"))
+                lines.append(
+                    [
+                        f"{report['experiment']}, {entry['motion']} ({entry['role']})",
+                        space,
+                        *(number(entry[key]) for key in ("median_step_ms", "p95_step_ms", "iterations", "evaluations")),
+                        *(
+                            "–" if error[key] is None else f"{100 * error[key]:.1f} %"
+                            for key in ("relative", "windowed")
+                        ),
+                        *(number(error[key]) for key in ("max_mm", "mean_mm")),
+                        "yes" if entry["diverged"] else "no",
+                    ]
+                )
+    head = ["motion (role)", "space", "median step, ms", "95th percentile, ms", "iterations", "evaluations"]
+    head += ["online error", "windowed", "max mm", "mean mm", "diverged"]
+    return table("Simulation", head, sorted(lines, key=lambda line: line[0].split(",")[0] != "demo"))
+
+
+def cost_table(reports: list[Report]) -> str:
+    lines = []
+    for stage in STAGES:
+        cells = [r["stages"][stage] for r in reports]
+        lines.append([stage, *(f"{c['seconds']:.1f} / {c['peak_memory_mb']:,.0f}" for c in cells)])
+    lines.append(["together, s", *(f"{total_seconds(r):.0f}" for r in reports)])
+    for key in ("latent_over_linear", "latent_over_full"):
+        lines.append([f"`speedup.{key}`", *(number(r["speedup"][key]) for r in reports)])
+    title = "Cost of the stages: seconds / peak memory, MB; and speedups"
+    return table(title, ["", *(r["experiment"] for r in reports)], lines)
+
+
+def total_seconds(report: Report) -> float:
+    return float(sum(stage["seconds"] for stage in report["stages"].values()))
+
+
+def rows_of(report: Report) -> list[Report]:
+    """The rows that the issue names; goals are those of x."""
+    autoencoder = report["reconstruction"]["train"]["autoencoder"]
+    latent = report["cubature"]["latent"]
+    values: list[tuple[str, float | None, str]] = [
+        ("r", report["dims"]["r"], ""),
+        ("autoencoder max error, training", autoencoder["max_mm"], "mm"),
+        ("autoencoder mean error, training", autoencoder["mean_mm"], "mm"),
+        ("rest residual", report["rest_residual_mm"], "mm"),
+        ("latent cubature error, held-out poses", latent["relative_error"]["heldout"], ""),
+        ("latent cubature points", latent["points"], ""),
+        ("linear step over latent step", report["speedup"]["latent_over_linear"], ""),
+        ("full step over latent step", report["speedup"]["latent_over_full"], ""),
+        ("all stages", total_seconds(report), "s"),
+    ]
+    for space in ("linear", "latent"):
+        for entry in report["simulate"][space]:
+            error = entry["online_error"]
+            values.append((f"online error, {space}, {entry['motion']}", error and error["relative"], ""))
+            values.append((f"median step, {space}, {entry['motion']}", entry["median_step_ms"], "ms"))
+    goals = GOALS if report["experiment"] == "x" else {}
+    model = report["experiment"]
+    return [
+        {"model": model, "quantity": name, "value": value, "unit": unit, "goal": goals.get(name)}
+        for name, value, unit in values
+    ]
+
+
+def main(folders: list[Path]) -> None:
+    reports = [json.loads((folder / "report" / "report.json").read_text()) for folder in folders]
+    sizes = [sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1e6 for folder in folders]
+    print(size_table(reports, sizes), reconstruction_table(reports), cubature_table(reports), sep="\n")
+    print(simulation_table(reports), cost_table(reports), sep="\n")
+    rows = [row for report in reports for row in rows_of(report)]
+    for row in rows:
+        if row["goal"] is not None:
+            print(f"{row['model']}: {row['quantity']} = {number(row['value'])} {row['unit']}, goal {row['goal']}")
+    command = "python benchmarks/pipeline.py " + " ".join(f"runs/{folder.name}" for folder in folders)
+    machine = {key: value for key, value in reports[0]["machine"].items() if key != "versions"}
+    RESULTS.parent.mkdir(exist_ok=True)
+    content = {
+        "machine": machine,
+        "versions": reports[0]["machine"]["versions"],
+        "command": command,
+        "created": reports[-1]["created"],
+        "rows": rows,
+    }
+    RESULTS.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    arguments = [Path(argument) for argument in sys.argv[1:] if argument != "--quick"]
+    if not arguments:
+        sys.exit("usage: python benchmarks/pipeline.py runs/EXPERIMENT … (finished runs)")
+    main(arguments)
