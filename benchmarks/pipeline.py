@@ -52,7 +52,10 @@ def size_table(reports: list[Report], sizes: list[float]) -> str:
         return [name, *(f"{value:,}" if isinstance(value, int) else str(value) for value in values)]
 
     lines = [
-        *(line(f"`mesh.{key}`", [r["mesh"][key] for r in reports]) for key in ("vertices", "cells", "quadrature_points")),
+        *(
+            line(f"`mesh.{key}`", [r["mesh"][key] for r in reports])
+            for key in ("vertices", "cells", "quadrature_points")
+        ),
         *(line(f"`dims.{key}`", [r["dims"][key] for r in reports]) for key in ("k", "r", "kp")),
         line("size of the run's folder, MB", [f"{size:,.0f}" for size in sizes]),
     ]
