@@ -1,7 +1,7 @@
 """What finished runs measured, as tables and as rows with goals: python benchmarks/pipeline.py runs/demo runs/x …
 
-Reads report.json and the headers of the artefacts and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables
-of docs/measurements.md and writes benchmarks/results/pipeline.json.
+Reads report.json and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables of docs/measurements.md and
+writes benchmarks/results/pipeline.json.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The reduced step, compiled: minimise the incremental potential with nothing of Python inside (paper, Sec. 5.2, 5.3)."""
+"""The reduced step, compiled: minimises the incremental potential with nothing of Python inside (paper, Sec. 5.2)."""
 
 from __future__ import annotations
 
