@@ -1,0 +1,96 @@
+"""Recorded interactions and random pulls as motions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldsim.errors import MotionError
+from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.recording import read_recording
+
+HEADER = "# spring_stiffness_n_per_m: 30\n# grab_radius_m: 0.03\n"
+COLUMNS = "frame,is_dragging,target_x,target_y,target_z,grabbed_x,grabbed_y,grabbed_z\n"
+ROWS = ["0,0,0,0,0,0,0,0", "1,1,1,2,3,4,5,6", "2,1,1,2,4,9,9,9", "3,0,0,0,0,0,0,0", "4,1,7,7,7,8,8,8"]
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "recording.csv"
+    path.write_text(text)
+    return path
+
+
+def test_runs_of_dragging_rows_become_drags(tmp_path: Path) -> None:
+    motion = read_recording(written(tmp_path, HEADER + COLUMNS + "\n".join(ROWS)), "m")
+    assert motion.frames == 5
+    assert [(drag.start, drag.stop) for drag in motion.drags] == [(1, 3), (4, 5)]
+    first = motion.drags[0]
+    assert first.point.tolist() == [4, 5, 6]
+    assert first.targets.tolist() == [[1, 2, 3], [1, 2, 4]]
+    assert (first.stiffness, first.radius) == (30, 0.03)
+
+
+def test_only_the_first_frames_are_used_if_asked(tmp_path: Path) -> None:
+    motion = read_recording(written(tmp_path, HEADER + COLUMNS + "\n".join(ROWS)), "m", frames=2)
+    assert motion.frames == 2
+    assert [(drag.start, drag.stop) for drag in motion.drags] == [(1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "holds no frames"),
+        (HEADER + COLUMNS, "holds no frames"),
+        (COLUMNS + ROWS[1], "needs a line '# spring_stiffness_n_per_m"),
+        (HEADER.replace("30", "-1") + COLUMNS + ROWS[1], "must be positive"),
+        (HEADER + COLUMNS.replace("target_y", "y") + ROWS[1], "lacks the column 'target_y'"),
+        (HEADER + COLUMNS + "1,1,1,2,three,4,5,6", "does not hold seven numbers"),
+        (HEADER + COLUMNS + "1,1,1", "does not hold seven numbers"),
+        (HEADER + COLUMNS + "1,1,nan,2,3,4,5,6", "not finite"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(MotionError, match=message) as error:
+        read_recording(written(tmp_path, text), "m")
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_recording_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match=r"none\.csv cannot be read"):
+        read_recording(tmp_path / "none.csv", "m")
+
+
+SURFACE = np.random.default_rng(0).uniform(-1, 1, (200, 3))
+PULLS = {"count": 6, "reach": 0.2, "stiffness": 30.0, "radius": 0.05, "frames": 10, "rest": 5}
+
+
+def test_pulls_repeat_with_their_seed_and_differ_without() -> None:
+    first, again, other = (random_pulls("p", SURFACE, seed=seed, **PULLS) for seed in (1, 1, 2))
+    for a, b in zip(first.drags, again.drags, strict=True):
+        np.testing.assert_array_equal(a.targets, b.targets)
+    assert not np.array_equal(first.drags[0].targets, other.drags[0].targets)
+
+
+def test_pulls_come_one_after_another_and_stay_within_reach() -> None:
+    motion = random_pulls("p", SURFACE, seed=1, **PULLS)
+    assert motion.frames == 6 * 15
+    assert [(drag.start, drag.stop) for drag in motion.drags] == [(15 * i, 15 * i + 10) for i in range(6)]
+    for drag in motion.drags:
+        distance = np.linalg.norm(drag.targets - drag.point, axis=1)
+        assert (np.diff(distance) >= -1e-15).all()
+        assert 0.4 * 0.2 - 1e-12 <= distance[-1] <= 0.2 + 1e-12
+
+
+def test_pulls_spread_over_the_surface() -> None:
+    points = np.array([drag.point for drag in random_pulls("p", SURFACE, seed=1, **PULLS).drags])
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)[~np.eye(6, dtype=bool)].min()
+    chance = np.random.default_rng(3).choice(SURFACE, (2000, 6))
+    by_chance = np.linalg.norm(chance[:, :, None] - chance[:, None], axis=3) + 10 * np.eye(6)
+    assert apart > np.quantile(by_chance.min(axis=(1, 2)), 0.95)
+
+
+def test_more_pulls_than_surface_vertices_use_some_twice() -> None:
+    motion = random_pulls("p", SURFACE[:2], seed=1, **PULLS)
+    assert len(motion.drags) == 6
