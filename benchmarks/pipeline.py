@@ -1,7 +1,7 @@
 """What finished runs measured, as tables and as rows with goals: python benchmarks/pipeline.py runs/demo runs/x …
 
-Reads report.json and the headers of the artefacts and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables
-of docs/measurements.md and writes benchmarks/results/pipeline.json.
+Reads report.json and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables of docs/measurements.md and
+writes benchmarks/results/pipeline.json.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ def size_table(reports: list[Report], sizes: list[float]) -> str:
         return [name, *(f"{value:,}" if isinstance(value, int) else str(value) for value in values)]
 
     lines = [
-        *(line(f"`mesh.{key}`", [r["mesh"][key] for r in reports]) for key in ("vertices", "cells", "quadrature_points")),
+        *(
+            line(f"`mesh.{key}`", [r["mesh"][key] for r in reports])
+            for key in ("vertices", "cells", "quadrature_points")
+        ),
         *(line(f"`dims.{key}`", [r["dims"][key] for r in reports]) for key in ("k", "r", "kp")),
         line("size of the run's folder, MB", [f"{size:,.0f}" for size in sizes]),
     ]

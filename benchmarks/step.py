@@ -1,7 +1,7 @@
-"""Error against step time of a finished run, the linear space swept over its dimension: python benchmarks/step.py runs/x
+"""Error against step time of a finished run, the linear space swept: python benchmarks/step.py runs/x
 
-Every linear space gets its own cubature at the tolerance of the run and each space the fastest of its minimisers; all are
-timed in one process, one thread, and judged on every motion of the run. `--quick` takes three dimensions.
+Every linear space gets its own cubature and each space the fastest of its minimisers; all are timed in one process, one
+thread, and judged on every motion of the run. `--quick` takes three dimensions.
 """
 
 from __future__ import annotations

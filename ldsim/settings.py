@@ -31,9 +31,9 @@ class Section(BaseModel):
 
 
 class MaterialSettings(Section):
-    model: Literal[
-        "neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"
-    ] = Field("neo_hookean", description="Elastic energy density.")
+    model: Literal["neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"] = Field(
+        "neo_hookean", description="Elastic energy density."
+    )
     youngs_modulus: float = Field(gt=0, description="Young's modulus, Pa.")
     poisson_ratio: float = Field(0.47, gt=-1, lt=0.5, description="Poisson's ratio.")
 

@@ -42,7 +42,9 @@ def command(run: Run) -> None:
         steps = sum(4 * snapshots.frames(name) for name in names)
         with progress_bar(steps, "simulate", "step") as bar:
             for name in names:
-                bar.set_postfix_str(f"{name} (the first step compiles the kernels, about a minute)" if bar.n == 0 else name)
+                bar.set_postfix_str(
+                    f"{name} (the first step compiles the kernels, about a minute)" if bar.n == 0 else name
+                )
                 recorded = snapshots.recorded(name)
                 for space, trajectory, minimiser in compare_motion(
                     scene, metric, spaces, recorded.motion, recorded.held, snapshots.reader(name), options, bar.update

@@ -36,9 +36,7 @@ def command(run: Run) -> None:
 
         def error(trained: Trained, role: str = "train") -> tuple[float, float]:
             names = snapshots.with_role(role)
-            return reconstruction_error(
-                lambda: snapshots.chunks(names), metric, U, trained.encoder, trained.decoder
-            )
+            return reconstruction_error(lambda: snapshots.chunks(names), metric, U, trained.encoder, trained.decoder)
 
         def show(r: int, epoch: int, training: float, validation: float) -> None:
             if epoch == 0:
@@ -53,9 +51,7 @@ def command(run: Run) -> None:
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
     trained = found.trained
     kp = matching_dimension(stored.basis.max_error, errors[0, 0])
-    model = StoredModel(
-        trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch
-    )
+    model = StoredModel(trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch)
     header = run.header(
         "model", "train", ("snapshots", "basis"), seed=settings.seed, activation=settings.activation, met=int(found.met)
     )

@@ -53,9 +53,7 @@ class FullStepper:
         factor_cost: cost of a factorisation, in iterations.
     """
 
-    def __init__(
-        self, scene: Scene, tolerance: float = 1e-6, factor_cost: int = 25, max_iterations: int = 500
-    ) -> None:
+    def __init__(self, scene: Scene, tolerance: float = 1e-6, factor_cost: int = 25, max_iterations: int = 500) -> None:
         self._scene = scene
         self._tolerance = tolerance
         self._factor_cost = factor_cost

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced import Options, Reduced, Springs, Work, step
+from ldsim.dynamics.reduced import Options, step
+from ldsim.dynamics.reduced_potential import Reduced, Springs, Work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern

@@ -152,9 +152,7 @@ def with_errors(
         distance = _distances(trajectory.coordinates[part], U, full)
         again = _distances(windowed.coordinates[part], U, full)
         moved = np.linalg.norm(full.astype(np.float64), axis=2)
-        columns.append(
-            np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)])
-        )
+        columns.append(np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)]))
     mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
     return replace(
         trajectory,

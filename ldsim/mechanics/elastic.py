@@ -107,9 +107,7 @@ def inverted_points(elements: Elements, u: Array) -> int:
 
 
 @njit(cache=True, nogil=True)
-def add_elastic_stiffness(
-    elements: Elements, u: Array, slots: NDArray[np.int64], clamp: bool, blocks: Array
-) -> None:
+def add_elastic_stiffness(elements: Elements, u: Array, slots: NDArray[np.int64], clamp: bool, blocks: Array) -> None:
     """Adds the tangent stiffness, N/m, to 3×3 `blocks` (b, 3, 3).
 
     `slots[s, a, b]` is the block of the pair of nodes a, b of point s, or −1 where one of them is pinned. In the

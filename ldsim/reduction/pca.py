@@ -150,9 +150,7 @@ def errors_against_k(chunks: Chunks, metric: csr_array, U: Array) -> tuple[Array
     return largest, total / count
 
 
-def fit_basis(
-    chunks: Chunks, metric: csr_array, k: int | None, tolerance: float, max_k: int
-) -> Basis:
+def fit_basis(chunks: Chunks, metric: csr_array, k: int | None, tolerance: float, max_k: int) -> Basis:
     """A basis of k modes, or of the fewest that keep every vertex of every snapshot within the tolerance.
 
     Args:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.potential import IncrementalPotential
-from ldsim.dynamics.reduced import value_gradient
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced_potential import value_gradient
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
