@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
 import signal
@@ -97,12 +98,16 @@ def test_a_killed_run_goes_on_where_it_was_and_ends_as_an_undisturbed_one(
     frame_bytes = read_scene(run / "scene.h5")[0].mesh.n_vertices * 12
 
     with subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
-        for name in MOTIONS:
-            path = partial / f"{name}.frames"
-            wait_until(lambda path=path: path.exists() and path.stat().st_size > 20 * frame_bytes)
-        kill(first)
-        _, stderr = first.communicate()
-    wait_until(lambda: group_is_gone(first.pid))
+        try:
+            for name in MOTIONS:
+                path = partial / f"{name}.frames"
+                wait_until(lambda path=path: path.exists() and path.stat().st_size > 20 * frame_bytes)
+            kill(first)
+            _, stderr = first.communicate(timeout=WAIT)
+            wait_until(lambda: group_is_gone(first.pid))
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(first.pid, signal.SIGKILL)
     assert b"Traceback" not in stderr
 
     reached = {name: seconds_so_far(partial, name) for name in MOTIONS}

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ldsim.settings import TrainSettings
 from tests.cli.experiments import COMMANDS, TINY, WRITES
 
 ROOT = Path(__file__).parent.parent
@@ -90,7 +91,7 @@ def test_a_comment_makes_nothing_stale(project: Project) -> None:
 
 
 def test_a_setting_equal_to_its_default_makes_nothing_stale(project: Project) -> None:
-    project.configure(train=TINY["train"] | {"learning_rate": 2e-3})
+    project.configure(train=TINY["train"] | {"learning_rate": TrainSettings().learning_rate})
     assert project.stages(LAST) == []
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from ldsim.errors import SettingsError
-from ldsim.settings import STAGES, Settings, dump, load_settings, resolve_path, stage_settings, stamp
+from ldsim.settings import STAGES, Settings, TrainSettings, dump, load_settings, resolve_path, stage_settings, stamp
 
 SMALLEST: dict[str, Any] = {
     "experiment": "small",
@@ -165,7 +165,7 @@ def retouched(path: Path, edit: Callable[[str], str]) -> None:
     [
         ("small.yaml", lambda text: f"# a comment\n{text}", set()),
         ("small.yaml", lambda text: f"{text}train: {{epochs: 7}}\n", {"train"}),
-        ("small.yaml", lambda text: f"{text}train: {{epochs: 1500}}\n", set()),
+        ("small.yaml", lambda text: f"{text}train: {{epochs: {TrainSettings().epochs}}}\n", set()),
         ("a.mesh", lambda text: "another mesh", {"mesh"}),
         ("a.csv", lambda text: "another recording", {"snapshot"}),
         ("a.mesh", lambda text: text, set()),

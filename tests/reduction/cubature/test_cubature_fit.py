@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cubature_problems import Problem, beam_scene, latent_problem, linear_problem
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ldsim.errors import SolverError
 from ldsim.reduction.cubature.fit import CubatureFit, CubatureSet, fit, relative_error
 from ldsim.reduction.cubature.forces import ProjectedForces
+from tests.reduction.cubature.cubature_problems import Problem, beam_scene, latent_problem, linear_problem
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from cubature_problems import Problem, beam_scene, latent_problem, linear_problem, smooth_poses
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
 from ldsim.mechanics.materials import energy
 from ldsim.reduction.cubature.forces import ProjectedForces
 from ldsim.reduction.decoder import Decoder
+from tests.reduction.cubature.cubature_problems import Problem, beam_scene, latent_problem, linear_problem, smooth_poses
 
 Array = NDArray[np.float64]
 
