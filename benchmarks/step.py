@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -95,14 +96,17 @@ def main(folder: Path, dimensions: tuple[int, ...]) -> None:
         names = snapshots.with_role("train")
         q: NDArray[np.float64] = all_coordinates(lambda: snapshots.chunks(names), metric, U)
         fitted, _ = split_poses(len(q), min(400, len(q) * 2 // 3), 0, seed=0)
-        spaces = [ReducedSpace("latent", U, model.decoder, model.encoder, cubature["latent"].best)]
-        for k in sorted({*dimensions, model.kp} & set(range(U.shape[1] + 1))):
-            narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
-            points = fit(ProjectedForces(scene, narrow, identity, q[fitted, :k]), TOLERANCE, 800).best
-            spaces.append(ReducedSpace("linear", narrow, identity, Encoder((), ()), points))
+
+        def spaces() -> Iterator[ReducedSpace]:
+            yield ReducedSpace("latent", U, model.decoder, model.encoder, cubature["latent"].best)
+            for k in sorted({*dimensions, model.kp} & set(range(U.shape[1] + 1))):
+                narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
+                points = fit(ProjectedForces(scene, narrow, identity, q[fitted, :k]), TOLERANCE, 800).best
+                yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
+
         print("| space | motion | dimension | points | minimiser | median ms | p99 ms | evaluations | online error |")
         print("|---|---|---|---|---|---|---|---|---|")
-        for space in spaces:
+        for space in spaces():
             for point in measure(scene, space, snapshots):
                 table.append(point)
                 cells = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in asdict(point).values()]
