@@ -97,6 +97,37 @@ def _precondition(model: Reduced, springs: Springs, options: Options, work: Work
 
 
 @njit(cache=True, nogil=True)
+def _direction(factor: Array, newest: int, count: int, work: Work) -> float:
+    """Writes −H g into work.d by the two-loop recursion around the preconditioner; returns its slope g·d."""
+    d = work.d
+    for i in range(d.shape[0]):
+        d[i] = -work.g[i]
+    backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
+    _solve_cholesky(factor, d)
+    forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
+    return inner(work.g, d)
+
+
+@njit(cache=True, nogil=True)
+def _search(
+    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
+) -> tuple[bool, float, int]:
+    """Line search from z along work.d into work.z_new, work.g_new; whether it succeeded, E there, evaluations."""
+    d, length = work.d, 1.0
+    for evaluations in range(1, MAX_BACKTRACKS + 1):
+        for i in range(z.shape[0]):
+            work.z_new[i] = z[i] + length * d[i]
+        f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
+        slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
+        if accepts(f, slope, length, f_new, slope_new):
+            return True, f_new, evaluations
+        length = next_step(f, slope, length, f_new, slope_new)
+        if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
+            return False, f, evaluations
+    return False, f, MAX_BACKTRACKS
+
+
+@njit(cache=True, nogil=True)
 def step(
     model: Reduced,
     springs: Springs,
@@ -121,8 +152,7 @@ def step(
         iterations, evaluations, reason (`solvers.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
         infinite energy unless it was given there.
     """
-    g, g_new, d, z_new = work.g, work.g_new, work.d, work.z_new
-    r = z.shape[0]
+    g = work.g
     evaluations = 1
     f = value_gradient(model, springs, predictor, start, work, g)
     if f < math.inf:
@@ -132,7 +162,6 @@ def step(
         evaluations += 1
     if not f < math.inf:
         return 0, evaluations, INFINITE_START, f, math.inf
-    window = work.S.shape[0]
     newest, count = -1, 0
     for iteration in range(options.max_iterations):
         norm = math.sqrt(inner(g, g))
@@ -143,59 +172,38 @@ def step(
             if _precondition(model, springs, options, work):
                 factor[:] = work.hessian
             count = 0
-        for i in range(r):
-            d[i] = -g[i]
-        backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
-        _solve_cholesky(factor, d)
-        forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
-        slope = inner(g, d)
+        slope = _direction(factor, newest, count, work)
         if not slope < 0.0:
             count = 0
-            for i in range(r):
-                d[i] = -g[i]
-            _solve_cholesky(factor, d)
-            slope = inner(g, d)
-        length, accepted, f_new = 1.0, False, math.inf
-        for _ in range(MAX_BACKTRACKS):
-            for i in range(r):
-                z_new[i] = z[i] + length * d[i]
-            f_new = value_gradient(model, springs, predictor, z_new, work, g_new)
-            evaluations += 1
-            slope_new = inner(g_new, d) if f_new < math.inf else math.inf
-            accepted = accepts(f, slope, length, f_new, slope_new)
-            if accepted:
-                break
-            length = next_step(f, slope, length, f_new, slope_new)
-            if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
-                break
+            slope = _direction(factor, newest, count, work)
+        accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
+        evaluations += tried
         if not accepted:
             decode(model.layers, z, work.hidden, work.q)
             return iteration, evaluations, NO_DECREASE, f, norm
         if not options.newton:
-            newest, count = _remember(work, z, z_new, g, g_new, newest, count, window)
-        for i in range(r):
-            z[i] = z_new[i]
-            g[i] = g_new[i]
+            newest, count = _remember(work, z, newest, count)
+        z[:] = work.z_new
+        g[:] = work.g_new
         f = f_new
     return options.max_iterations, evaluations, ITERATIONS_SPENT, f, math.sqrt(inner(g, g))
 
 
 @njit(cache=True, nogil=True)
-def _remember(
-    work: Work, z: Array, z_new: Array, g: Array, g_new: Array, newest: int, count: int, window: int
-) -> tuple[int, int]:
+def _remember(work: Work, z: Array, newest: int, count: int) -> tuple[int, int]:
     """Store the pair (s, y) if its curvature is safely positive; returns the ring's newest and count."""
+    window = work.S.shape[0]
     slot = (newest + 1) % window
     sy, ss, yy = 0.0, 0.0, 0.0
     for i in range(z.shape[0]):
-        s, y = z_new[i] - z[i], g_new[i] - g[i]
+        s, y = work.z_new[i] - z[i], work.g_new[i] - work.g[i]
         sy += s * y
         ss += s * s
         yy += y * y
     if sy <= 1e-14 * math.sqrt(ss * yy):
         return newest, count
     for i in range(z.shape[0]):
-        work.S[slot, i] = z_new[i] - z[i]
-        work.Y[slot, i] = g_new[i] - g[i]
+        work.S[slot, i] = work.z_new[i] - z[i]
+        work.Y[slot, i] = work.g_new[i] - work.g[i]
     work.rho[slot] = 1.0 / sy
     return slot, min(count + 1, window)
