@@ -26,13 +26,13 @@ from ldsim.mechanics.motion import Drag, Motion
 from tests.cli.experiments import TINY
 
 WAIT = 60.0
-FRAMES = 160
+FRAMES = 800
 MOTIONS = ("a", "b")
 
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two motions of some hundred frames, and their scene in runs/tiny of two folders, undisturbed and killed."""
+    """Two motions, long enough to be killed in the middle on a fast machine, and their scene in runs/tiny of two folders, undisturbed and killed."""
     folder = tmp_path_factory.mktemp("ensemble")
     content = copy.deepcopy(TINY)
     pulls = {"count": FRAMES // 20, "reach": 0.08, "frames": 12, "rest": 8}
