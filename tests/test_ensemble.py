@@ -32,7 +32,7 @@ MOTIONS = ("a", "b")
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two motions, long enough to be killed in the middle on a fast machine, and their scene in runs/tiny of two folders, undisturbed and killed."""
+    """Two motions, long enough to be killed in the middle, and their scene in two folders, undisturbed and killed."""
     folder = tmp_path_factory.mktemp("ensemble")
     content = copy.deepcopy(TINY)
     pulls = {"count": FRAMES // 20, "reach": 0.08, "frames": 12, "rest": 8}
