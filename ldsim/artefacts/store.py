@@ -228,6 +228,8 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
         check_datasets(file, found, path)
         try:
             yield file
+        except BrokenPipeError:  # whoever reads our output left: not the file's fault
+            raise
         except (OSError, KeyError) as error:
             raise ArtefactError(f"{path} is damaged ({str(error).splitlines()[0]}); delete it and run make") from error
 
