@@ -83,6 +83,11 @@ def interrupt_group(process: subprocess.Popen[bytes]) -> None:
     os.killpg(process.pid, signal.SIGINT)
 
 
+def heed_interrupts() -> None:
+    """A shell starts background jobs, and so perhaps these tests, with SIGINT ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def terminate_parent(process: subprocess.Popen[bytes]) -> None:
     os.kill(process.pid, signal.SIGTERM)
 
@@ -97,7 +102,8 @@ def test_a_killed_run_goes_on_where_it_was_and_ends_as_an_undisturbed_one(
     partial, command = run / "snapshots.partial", [*ldsim("snapshot", config), "--runs", str(tmp_path)]
     frame_bytes = read_scene(run / "scene.h5")[0].mesh.n_vertices * 12
 
-    with subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as first:
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, start_new_session=True, preexec_fn=heed_interrupts, **quiet) as first:
         try:
             for name in MOTIONS:
                 path = partial / f"{name}.frames"
