@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
+from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced, with_errors
 from ldsim.evaluation.machine import describe_machine
@@ -55,10 +56,17 @@ class Point:
 def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots) -> list[Point]:
     """The space on every motion, with the minimiser that is fastest on the first."""
 
-    def make(options: dict[str, bool]) -> ReducedStepper:
-        weights = space.cubature.weights
+    def make(method: Method, current: bool) -> ReducedStepper:
         return ReducedStepper(
-            scene, space.U, space.decoder, space.cubature.points, weights, tolerance=STOP, max_iterations=200, **options
+            scene,
+            space.U,
+            space.decoder,
+            space.cubature.points,
+            space.cubature.weights,
+            tolerance=STOP,
+            max_iterations=200,
+            method=method,
+            current=current,
         )
 
     first = snapshots.recorded(snapshots.names[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -31,18 +32,35 @@ NO_DECREASE = int(Reason.NO_DECREASE)
 INFINITE_START = int(Reason.INFINITE_START)
 
 
-class Options(NamedTuple):
-    """How to minimise: L-BFGS, or Newton with the decoder's second derivative dropped.
+class Method(IntEnum):
+    """How the inverse Hessian H of the quasi-Newton direction −H ∇E comes about.
 
-    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). current: precondition with the tangent at a state of the motion,
-    not at rest. newton: renew it in every iteration and keep no memory. renewal: iterations after which L-BFGS renews
-    the preconditioner within a step and starts its memory anew.
+    LBFGS: two-loop recursion of the last pairs around the preconditioner (paper, Sec. 5.2). BFGS: the preconditioner
+    itself is updated by every pair (Nocedal and Wright 2006, Eq. 6.17) and goes on from step to step. NEWTON: the
+    inverse of the tangent at every iterate, the decoder's second derivative dropped (Gauss–Newton in the latent space,
+    Newton in the linear one).
+    """
+
+    LBFGS = 0
+    BFGS = 1
+    NEWTON = 2
+
+
+LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
+
+
+class Options(NamedTuple):
+    """How to minimise.
+
+    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). method: a number of `Method`. current: precondition with the
+    tangent at a state of the motion, not at rest. renewal: iterations after which the preconditioner is renewed within
+    a step and the memory starts anew.
     """
 
     tolerance: float
     max_iterations: int
+    method: int
     current: bool
-    newton: bool
     renewal: int
 
 
@@ -84,8 +102,9 @@ def _solve_cholesky(L: Array, x: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _precondition(model: Reduced, springs: Springs, options: Options, work: Work) -> bool:
-    """Factorises the preconditioner at the state last decoded."""
+def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, H: Array, work: Work) -> None:
+    """H ← the inverse of the tangent at z or at rest; kept as it is where that has no factor."""
+    decode(model.layers, z, work.hidden, work.q)
     if model.layers.sizes.shape[0] > 1:
         decode_jacobian(model.layers, work.hidden, work.scratch, work.jacobian)
     if options.current:
@@ -93,17 +112,22 @@ def _precondition(model: Reduced, springs: Springs, options: Options, work: Work
     else:
         rest_metric(model, work)
     add_spring_metric(springs, model, work)
-    return _cholesky(work.hessian)
+    if _cholesky(work.hessian):
+        for a in range(H.shape[0]):
+            H[a] = 0.0
+            H[a, a] = 1.0
+            _solve_cholesky(work.hessian, H[a])
 
 
 @njit(cache=True, nogil=True)
-def _direction(factor: Array, newest: int, count: int, work: Work) -> float:
-    """Writes −H g into work.d by the two-loop recursion around the preconditioner; returns its slope g·d."""
-    d = work.d
+def _direction(H: Array, newest: int, count: int, work: Work) -> float:
+    """Writes the quasi-Newton direction into work.d; returns its slope g·d."""
+    d, half = work.d, work.Hy
     for i in range(d.shape[0]):
-        d[i] = -work.g[i]
-    backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
-    _solve_cholesky(factor, d)
+        half[i] = -work.g[i]
+    backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, half)
+    for i in range(d.shape[0]):
+        d[i] = inner(H[i], half)
     forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
     return inner(work.g, d)
 
@@ -134,7 +158,7 @@ def step(
     predictor: Array,
     start: Array,
     z: Array,
-    factor: Array,
+    H: Array,
     renew: bool,
     options: Options,
     work: Work,
@@ -145,7 +169,7 @@ def step(
         predictor: q̂, (k,).
         start: the initial guess, (r,); where its energy is infinite, z is used instead.
         z: zₙ on entry, zₙ₊₁ on return, (r,); φ(z) is left in work.q.
-        factor: Cholesky factor of the preconditioner, (r, r); overwritten when it is renewed.
+        H: the preconditioner, an estimate of the inverse Hessian, (r, r); overwritten when it is renewed or updated.
         renew: whether to renew it at the start of this step.
 
     Returns:
@@ -162,27 +186,29 @@ def step(
         evaluations += 1
     if not f < math.inf:
         return 0, evaluations, INFINITE_START, f, math.inf
-    newest, count = -1, 0
+    newest, count, renewed_at = -1, 0, -1
     for iteration in range(options.max_iterations):
         norm = math.sqrt(inner(g, g))
         if norm <= options.tolerance * max(math.sqrt(inner(z, z)), 1.0):
             return iteration, evaluations, CONVERGED, f, norm
-        if (renew and iteration == 0) or options.newton or (iteration > 0 and iteration % options.renewal == 0):
-            decode(model.layers, z, work.hidden, work.q)
-            if _precondition(model, springs, options, work):
-                factor[:] = work.hessian
-            count = 0
-        slope = _direction(factor, newest, count, work)
-        if not slope < 0.0:
-            count = 0
-            slope = _direction(factor, newest, count, work)
-        accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
+        if renew or options.method == NEWTON or iteration - max(renewed_at, 0) >= options.renewal:
+            _precondition(model, springs, z, options, H, work)
+            renew, count, renewed_at = False, 0, iteration
+        slope = _direction(H, newest, count, work)
+        accepted, f_new, tried = False, f, 0
+        if slope < 0.0:
+            accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
         evaluations += tried
         if not accepted:
-            decode(model.layers, z, work.hidden, work.q)
-            return iteration, evaluations, NO_DECREASE, f, norm
-        if not options.newton:
+            if renewed_at == iteration:
+                decode(model.layers, z, work.hidden, work.q)
+                return iteration, evaluations, NO_DECREASE, f, norm
+            renew = True
+            continue
+        if options.method == LBFGS:
             newest, count = _remember(work, z, newest, count)
+        elif options.method != NEWTON:
+            _update(H, z, work)
         z[:] = work.z_new
         g[:] = work.g_new
         f = f_new
@@ -192,18 +218,37 @@ def step(
 @njit(cache=True, nogil=True)
 def _remember(work: Work, z: Array, newest: int, count: int) -> tuple[int, int]:
     """Store the pair (s, y) if its curvature is safely positive; returns the ring's newest and count."""
-    window = work.S.shape[0]
-    slot = (newest + 1) % window
-    sy, ss, yy = 0.0, 0.0, 0.0
+    slot = (newest + 1) % work.S.shape[0]
+    s, y = work.S[slot], work.Y[slot]
+    curvature = _pair(z, s, y, work)
+    if curvature <= 0.0:
+        # The oldest pair is spoilt: a full ring forgets it.
+        return newest, min(count, work.S.shape[0] - 1)
+    work.rho[slot] = 1.0 / curvature
+    return slot, min(count + 1, work.S.shape[0])
+
+
+@njit(cache=True, nogil=True)
+def _update(H: Array, z: Array, work: Work) -> None:
+    """H ← (1 − s yᵀ/sy) H (1 − y sᵀ/sy) + s sᵀ/sy, if the curvature sy of the last pair is safely positive."""
+    s, y, Hy = work.S[0], work.Y[0], work.Hy
+    sy = _pair(z, s, y, work)
+    if sy <= 0.0:
+        return
+    for i in range(s.shape[0]):
+        Hy[i] = inner(H[i], y)
+    scale = (1.0 + inner(y, Hy) / sy) / sy
+    for i in range(s.shape[0]):
+        a, b, row = scale * s[i] - Hy[i] / sy, s[i] / sy, H[i]
+        for j in range(s.shape[0]):
+            row[j] += a * s[j] - b * Hy[j]
+
+
+@njit(cache=True, nogil=True)
+def _pair(z: Array, s: Array, y: Array, work: Work) -> float:
+    """Writes s = z_new − z and y = g_new − g; returns s·y, or 0 where it is not safely positive."""
     for i in range(z.shape[0]):
-        s, y = work.z_new[i] - z[i], work.g_new[i] - work.g[i]
-        sy += s * y
-        ss += s * s
-        yy += y * y
-    if sy <= 1e-14 * math.sqrt(ss * yy):
-        return newest, count
-    for i in range(z.shape[0]):
-        work.S[slot, i] = work.z_new[i] - z[i]
-        work.Y[slot, i] = work.g_new[i] - work.g[i]
-    work.rho[slot] = 1.0 / sy
-    return slot, min(count + 1, window)
+        s[i] = work.z_new[i] - z[i]
+        y[i] = work.g_new[i] - work.g[i]
+    sy = inner(s, y)
+    return sy if sy > 1e-14 * math.sqrt(inner(s, s) * inner(y, y)) else 0.0

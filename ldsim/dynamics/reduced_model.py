@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced import Options, step
+from ldsim.dynamics.reduced import Method, Options, step
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
@@ -19,9 +19,10 @@ from ldsim.solvers.solution import Reason, Solution
 Array = NDArray[np.float64]
 
 WINDOW = 8
-# Iterations that making the current tangent costs, and after which a step gives its preconditioner up.
-RENEWAL_COST = 6
-RENEWAL = 12
+# Iterations that making the current tangent costs, and after which a step gives its preconditioner up. BFGS mends its
+# preconditioner by itself.
+RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 15, Method.NEWTON: 0}
+RENEWAL = {Method.LBFGS: 12, Method.BFGS: 25, Method.NEWTON: 1}
 
 
 def reduced_mass(scene: Scene, U: Array) -> Array:
@@ -43,7 +44,7 @@ def reduced_rest_stiffness(scene: Scene, U: Array) -> Array:
 
 
 def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
-    """∂F/∂q of the given points, (k, 9c) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
+    """∂F/∂q of the given points, (c, 9, k) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
     k = U.shape[1]
     nodal = U.reshape(scene.mesh.n_vertices, 3, k)
     maps = np.empty((len(points), 9, k))
@@ -52,7 +53,7 @@ def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
         maps[start : start + 4096] = np.einsum(
             "saik,saj->sijk", nodal[scene.points.nodes[part]], scene.points.gradients[part], optimize=True
         ).reshape(-1, 9, k)
-    return np.ascontiguousarray(maps.reshape(-1, k).T)
+    return maps
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +62,10 @@ class ReducedState:
 
     Attributes:
         z, z_previous: latent coordinates of the last two frames, (r,) float64.
+        guess: where to start the next step, (r,) float64.
         q, q_previous: outer coordinates of the last two frames, (k,) float64. They need not be φ(z): a state taken from
             the full space keeps the projection of its displacement.
-        factor: Cholesky factor of the preconditioner in use, (r, r) float64; None before the first step.
+        H: the preconditioner in use, an estimate of the inverse Hessian, (r, r) float64; None before the first step.
         held: the vertices of the grabs that it includes.
         fresh_iterations: iterations of the step that made it; excess: iterations beyond those since.
     """
@@ -72,14 +74,20 @@ class ReducedState:
     z_previous: Array
     q: Array
     q_previous: Array
-    factor: Array | None = None
+    guess: Array
+    H: Array | None = None
     held: tuple[NDArray[np.int64], ...] = ()
     fresh_iterations: int = 0
     excess: int = 0
 
     @classmethod
     def at_rest(cls, decoder: Decoder) -> ReducedState:
-        return cls(np.zeros(decoder.r), np.zeros(decoder.r), np.zeros(decoder.k), np.zeros(decoder.k))
+        return cls.moving(np.zeros(decoder.r), np.zeros(decoder.r), np.zeros(decoder.k), np.zeros(decoder.k))
+
+    @classmethod
+    def moving(cls, z: Array, z_previous: Array, q: Array, q_previous: Array) -> ReducedState:
+        """The state of two frames, with nothing known of what came before."""
+        return cls(z, z_previous, q, q_previous, 2 * z - z_previous)
 
 
 class ReducedStepper:
@@ -87,7 +95,7 @@ class ReducedStepper:
 
     Args:
         points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
-        current, newton: the minimiser (`dynamics.reduced.Options`).
+        method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
     """
 
@@ -101,8 +109,8 @@ class ReducedStepper:
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 500,
-        current: bool = False,
-        newton: bool = False,
+        method: Method = Method.BFGS,
+        current: bool = True,
         inertia_in_metric: bool = True,
     ) -> None:
         elements = scene.elements
@@ -122,36 +130,37 @@ class ReducedStepper:
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
-        self._options = Options(
-            tolerance, max_iterations, current or newton, newton, RENEWAL if current else max_iterations
-        )
-        self._work = make_work(decoder, len(points))
+        self._method = method
+        renewal = RENEWAL[method] if current else max_iterations
+        self._options = Options(tolerance, max_iterations, int(method), current, renewal)
+        self._work = make_work(decoder)
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
 
     def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
         held = tuple(grab.vertices for grab in grabs)
-        renew = state.factor is None or state.excess > RENEWAL_COST or not _same(held, state.held)
-        factor = np.eye(len(state.z)) if state.factor is None else state.factor.copy()
+        renew = state.H is None or state.excess > RENEWAL_COST[self._method] or not _same(held, state.held)
+        H = np.eye(len(state.z)) if state.H is None else state.H.copy()
         z = state.z.copy()
         iterations, evaluations, reason, value, norm = step(
             self._model,
             self.springs(grabs),
             2 * state.q - state.q_previous,
-            2 * state.z - state.z_previous,
+            state.guess,
             z,
-            factor,
+            H,
             renew,
             self._options,
             self._work,
         )
         q, solution = self._work.q.copy(), Solution(value, norm, iterations, evaluations, Reason(reason))
+        guess = z + 2 * (z - state.z) - (state.z - state.z_previous)
         if renew and iterations == 0:  # nothing was factorised, so the next step must
-            return ReducedState(z, state.z, q, state.q), solution
+            return ReducedState(z, state.z, q, state.q, guess), solution
         fresh = iterations if renew else state.fresh_iterations
         excess = 0 if renew else state.excess + max(iterations - fresh, 0)
-        return ReducedState(z, state.z, q, state.q, factor, held, fresh, excess), solution
+        return ReducedState(z, state.z, q, state.q, guess, H, held, fresh, excess), solution
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""
@@ -183,15 +192,14 @@ def _same(left: Sequence[NDArray[np.int64]], right: Sequence[NDArray[np.int64]])
     return len(left) == len(right) and all(a is b for a, b in zip(left, right, strict=True))
 
 
-def make_work(decoder: Decoder, n_points: int) -> Work:
-    """Scratch memory for a decoder and a number of cubature points."""
+def make_work(decoder: Decoder) -> Work:
+    """Scratch memory for a decoder."""
     r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
     return Work(
         hidden=np.zeros(hidden),
         scratch=np.zeros(hidden),
         q=np.zeros(k),
         offset=np.zeros(k),
-        F=np.zeros(9 * n_points),
         force=np.zeros(k),
         g=np.zeros(r),
         g_new=np.zeros(r),
@@ -200,10 +208,11 @@ def make_work(decoder: Decoder, n_points: int) -> Work:
         jacobian=np.zeros((r, k)),
         product=np.zeros((r, k)),
         hessian=np.zeros((r, r)),
-        directions=np.zeros((r, 9 * n_points)),
-        stressed=np.zeros((r, 9 * n_points)),
+        directions=np.zeros((9, r)),
+        stressed=np.zeros((9, r)),
         S=np.zeros((WINDOW, r)),
         Y=np.zeros((WINDOW, r)),
         rho=np.zeros(WINDOW),
         alpha=np.zeros(WINDOW),
+        Hy=np.zeros(r),
     )

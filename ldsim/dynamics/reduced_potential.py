@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.mechanics.materials import energy_stress, tangent
+from ldsim.mechanics.materials.tensors import Matrix, Symmetric
 from ldsim.reduction.decoder import REASSOCIATE, Layers, decode, decode_vjp
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 class Reduced(NamedTuple):
     """A reduced model, as the compiled step reads it.
 
-    layers: the decoder. G (k, 9c): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
+    layers: the decoder. G (c, 9, k): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
     (k, k): M̃/h². metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force (k,): Uᵀ f_ext, N.
     """
 
@@ -57,7 +58,6 @@ class Work(NamedTuple):
     scratch: Array
     q: Array
     offset: Array
-    F: Array
     force: Array
     g: Array
     g_new: Array
@@ -72,6 +72,7 @@ class Work(NamedTuple):
     Y: Array
     rho: Array
     alpha: Array
+    Hy: Array
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
@@ -82,61 +83,53 @@ def inner(a: Array, b: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
-def _strains(G: Array, q: Array, F: Array) -> None:
-    """F = I + G q for all points, (9c,)."""
-    _directional_strains(G, q, F)
-    F[0::9] += 1.0
-    F[4::9] += 1.0
-    F[8::9] += 1.0
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _contract(rows: Array, x: Array) -> Matrix:
+    """The nine products of the rows (9, k) with x (k,), in one pass."""
+    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
+    for j in range(x.shape[0]):
+        v = x[j]
+        a += A[j] * v
+        b += B[j] * v
+        c += C[j] * v
+        d += D[j] * v
+        e += E[j] * v
+        f += F[j] * v
+        g += G[j] * v
+        h += H[j] * v
+        i += I[j] * v
+    return a, b, c, d, e, f, g, h, i
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _combine(rows: Array, p: Matrix, out: Array) -> None:
+    """out += Σ p_e rows_e over the nine rows, in one pass."""
+    a, b, c, d, e, f, g, h, i = p
+    A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
+    for j in range(out.shape[0]):
+        out[j] += a * A[j] + b * B[j] + c * C[j] + d * D[j] + e * E[j] + f * F[j] + g * G[j] + h * H[j] + i * I[j]
 
 
 @njit(cache=True, nogil=True)
-def _directional_strains(G: Array, q: Array, F: Array) -> None:
-    """F = G q for all points, (9c,); four rows at a time, so that F is loaded less often."""
-    F[:] = 0.0
-    k = q.shape[0]
-    even = k - k % 4
-    for j in range(0, even, 4):
-        a, b, c, d = q[j], q[j + 1], q[j + 2], q[j + 3]
-        row_a, row_b, row_c, row_d = G[j], G[j + 1], G[j + 2], G[j + 3]
-        for i in range(F.shape[0]):
-            F[i] += a * row_a[i] + b * row_b[i] + c * row_c[i] + d * row_d[i]
-    for j in range(even, k):
-        a = q[j]
-        row_a = G[j]
-        for i in range(F.shape[0]):
-            F[i] += a * row_a[i]
+def _deformation(G: Array, q: Array) -> Matrix:
+    """F = I + G_s q of one point."""
+    a, b, c, d, e, f, g, h, i = _contract(G, q)
+    return 1.0 + a, b, c, d, 1.0 + e, f, g, h, 1.0 + i
 
 
 @njit(cache=True, nogil=True)
-def _project(G: Array, P: Array, force: Array) -> None:
-    """force += Gᵀ P."""
-    for j in range(G.shape[0]):
-        force[j] += inner(G[j], P)
-
-
-@njit(cache=True, nogil=True)
-def _stresses(model: Reduced, F: Array) -> float:
-    """Energy of all points; overwrites F with w P."""
+def _add_elastic(model: Reduced, q: Array, force: Array) -> float:
+    """Energy of all points; adds Σ w_s G_sᵀ P_s to `force`. One point at a time, so that its G is read once."""
     total = 0.0
     for s in range(model.weights.shape[0]):
-        i = 9 * s
-        deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
-        density, P = energy_stress(model.kind[s], deformation, model.mu[s], model.lam[s])
+        G, w = model.G[s], model.weights[s]
+        density, P = energy_stress(model.kind[s], _deformation(G, q), model.mu[s], model.lam[s])
         if not density < math.inf:
             return math.inf
-        w = model.weights[s]
         total += w * density
-        F[i] = w * P[0]
-        F[i + 1] = w * P[1]
-        F[i + 2] = w * P[2]
-        F[i + 3] = w * P[3]
-        F[i + 4] = w * P[4]
-        F[i + 5] = w * P[5]
-        F[i + 6] = w * P[6]
-        F[i + 7] = w * P[7]
-        F[i + 8] = w * P[8]
+        a, b, c, d, e, f, g, h, i = P
+        _combine(G, (w * a, w * b, w * c, w * d, w * e, w * f, w * g, w * h, w * i), force)
     return total
 
 
@@ -160,10 +153,7 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
     """E(z), J, and its gradient, N; q = φ(z) is left in work.q."""
     q, force, offset = work.q, work.force, work.offset
     decode(model.layers, z, work.hidden, q)
-    _strains(model.G, q, work.F)
-    value = _stresses(model, work.F)
-    if not value < math.inf:
-        return math.inf
+    value = 0.0
     k = q.shape[0]
     for j in range(k):
         offset[j] = q[j] - predictor[j]
@@ -172,8 +162,9 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
         force[j] = momentum - model.force[j]
         value += 0.5 * offset[j] * momentum - model.force[j] * q[j]
     value += _add_springs(springs, q, force)
-    _project(model.G, work.F, force)
-    decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
+    value += _add_elastic(model, q, force)
+    if value < math.inf:
+        decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
     return value
 
 
@@ -213,49 +204,46 @@ def current_tangent(model: Reduced, work: Work) -> None:
     """
     J, H, X, T = work.jacobian, work.hessian, work.directions, work.stressed
     r = J.shape[0]
-    if model.layers.sizes.shape[0] == 1:
+    identity = model.layers.sizes.shape[0] == 1
+    if identity:
         H[:] = model.inertia
-        X[:] = model.G
     else:
         _project_metric(model.inertia, J, work.product, H)
-        for a in range(r):
-            _directional_strains(model.G, J[a], X[a])
-    _strains(model.G, work.q, work.F)
     for s in range(model.weights.shape[0]):
-        _stress_directions(model, work.F, s, X, T)
-    for a in range(r):
-        for b in range(a + 1):
-            H[a, b] += inner(T[a], X[b])
-            H[b, a] = H[a, b]
+        G = model.G[s]
+        U, V, D, O = tangent(model.kind[s], _deformation(G, work.q), model.mu[s], model.lam[s], True)
+        for a in range(r):
+            if identity:
+                x = (G[0, a], G[1, a], G[2, a], G[3, a], G[4, a], G[5, a], G[6, a], G[7, a], G[8, a])
+            else:
+                x = _contract(G, J[a])
+            _stress_direction(U, V, D, O, model.weights[s], x, X, T, a)
+        for a in range(r):
+            t = (T[0, a], T[1, a], T[2, a], T[3, a], T[4, a], T[5, a], T[6, a], T[7, a], T[8, a])
+            _combine(X, t, H[a])
 
 
 @njit(cache=True, nogil=True)
-def _stress_directions(model: Reduced, F: Array, s: int, X: Array, T: Array) -> None:
-    """Overwrites point s of every X_a by its strain in the singular frame, T_a by w times the tangent applied to it."""
-    i = 9 * s
-    deformation = (F[i], F[i + 1], F[i + 2], F[i + 3], F[i + 4], F[i + 5], F[i + 6], F[i + 7], F[i + 8])
-    U, V, D, O = tangent(model.kind[s], deformation, model.mu[s], model.lam[s], True)
-    w = model.weights[s]
-    for a in range(X.shape[0]):
-        x, t = X[a], T[a]
-        for p in range(3):
-            m0 = U[p] * x[i] + U[3 + p] * x[i + 3] + U[6 + p] * x[i + 6]
-            m1 = U[p] * x[i + 1] + U[3 + p] * x[i + 4] + U[6 + p] * x[i + 7]
-            m2 = U[p] * x[i + 2] + U[3 + p] * x[i + 5] + U[6 + p] * x[i + 8]
-            t[i + 3 * p] = m0 * V[0] + m1 * V[3] + m2 * V[6]
-            t[i + 3 * p + 1] = m0 * V[1] + m1 * V[4] + m2 * V[7]
-            t[i + 3 * p + 2] = m0 * V[2] + m1 * V[5] + m2 * V[8]
-        for e in range(9):
-            x[i + e] = t[i + e]
-        t[i] = w * (D[0] * x[i] + D[3] * x[i + 4] + D[4] * x[i + 8])
-        t[i + 4] = w * (D[3] * x[i] + D[1] * x[i + 4] + D[5] * x[i + 8])
-        t[i + 8] = w * (D[4] * x[i] + D[5] * x[i + 4] + D[2] * x[i + 8])
-        t[i + 1] = w * (O[0] * x[i + 1] + O[3] * x[i + 3])
-        t[i + 3] = w * (O[0] * x[i + 3] + O[3] * x[i + 1])
-        t[i + 2] = w * (O[1] * x[i + 2] + O[4] * x[i + 6])
-        t[i + 6] = w * (O[1] * x[i + 6] + O[4] * x[i + 2])
-        t[i + 5] = w * (O[2] * x[i + 5] + O[5] * x[i + 7])
-        t[i + 7] = w * (O[2] * x[i + 7] + O[5] * x[i + 5])
+def _stress_direction(
+    U: Matrix, V: Matrix, D: Symmetric, O: Symmetric, w: float, x: Matrix, X: Array, T: Array, a: int
+) -> None:
+    """Columns a of X and T (9, r): the strain Uᵀ x V in the singular frame, and w times the tangent applied to it."""
+    for p in range(3):
+        m0 = U[p] * x[0] + U[3 + p] * x[3] + U[6 + p] * x[6]
+        m1 = U[p] * x[1] + U[3 + p] * x[4] + U[6 + p] * x[7]
+        m2 = U[p] * x[2] + U[3 + p] * x[5] + U[6 + p] * x[8]
+        X[3 * p, a] = m0 * V[0] + m1 * V[3] + m2 * V[6]
+        X[3 * p + 1, a] = m0 * V[1] + m1 * V[4] + m2 * V[7]
+        X[3 * p + 2, a] = m0 * V[2] + m1 * V[5] + m2 * V[8]
+    T[0, a] = w * (D[0] * X[0, a] + D[3] * X[4, a] + D[4] * X[8, a])
+    T[4, a] = w * (D[3] * X[0, a] + D[1] * X[4, a] + D[5] * X[8, a])
+    T[8, a] = w * (D[4] * X[0, a] + D[5] * X[4, a] + D[2] * X[8, a])
+    T[1, a] = w * (O[0] * X[1, a] + O[3] * X[3, a])
+    T[3, a] = w * (O[0] * X[3, a] + O[3] * X[1, a])
+    T[2, a] = w * (O[1] * X[2, a] + O[4] * X[6, a])
+    T[6, a] = w * (O[1] * X[6, a] + O[4] * X[2, a])
+    T[5, a] = w * (O[2] * X[5, a] + O[5] * X[7, a])
+    T[7, a] = w * (O[2] * X[7, a] + O[5] * X[5, a])
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ldsim.dynamics.full import FullState, FullStepper
+from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import GrabTracker, Motion
@@ -33,10 +34,11 @@ TRIAL_FRAMES = 60
 CHUNK = 64
 
 # The minimisers that compete for each reduced space.
-MINIMISERS: dict[str, dict[str, bool]] = {
-    "L-BFGS, rest stiffness": {"current": False, "newton": False},
-    "L-BFGS, current stiffness": {"current": True, "newton": False},
-    "Newton": {"current": True, "newton": True},
+MINIMISERS: dict[str, tuple[Method, bool]] = {
+    "L-BFGS, rest stiffness": (Method.LBFGS, False),
+    "L-BFGS, current stiffness": (Method.LBFGS, True),
+    "BFGS kept across steps": (Method.BFGS, True),
+    "Newton": (Method.NEWTON, True),
 }
 
 
@@ -120,12 +122,12 @@ def stretch(motion: Motion, count: int) -> range:
 
 
 def fastest(
-    make: Callable[[dict[str, bool]], ReducedStepper], scene: Scene, motion: Motion, held: Held
+    make: Callable[[Method, bool], ReducedStepper], scene: Scene, motion: Motion, held: Held
 ) -> tuple[str, ReducedStepper]:
     """The minimiser with the least median step on a trial stretch where no step fails; ties go to fewer failures."""
     frames = range(stretch(motion, TRIAL_FRAMES).stop)
     scores: dict[str, tuple[int, float]] = {}
-    steppers = {name: make(options) for name, options in MINIMISERS.items()}
+    steppers = {name: make(*minimiser) for name, minimiser in MINIMISERS.items()}
     for name, stepper in steppers.items():
         run_reduced(stepper, scene, motion, held, frames[:2])
         trial = run_reduced(stepper, scene, motion, held, frames)
@@ -185,7 +187,7 @@ class ReducedSpace:
         q = coordinates(metric, self.U, np.stack([u.ravel(), u_previous.ravel()]))
         guesses = self.encoder(q)
         z = [nearest_latent(self.decoder, target, guess) for target, guess in zip(q, guesses, strict=True)]
-        return ReducedState(z[0], z[1], q[0], q[1])
+        return ReducedState.moving(z[0], z[1], q[0], q[1])
 
 
 @dataclass(frozen=True)
@@ -224,7 +226,7 @@ def compare_motion(
     every = max(round(options.window / scene.time_step), 1)
     for space in spaces:
 
-        def make(minimiser: dict[str, bool], space: ReducedSpace = space) -> ReducedStepper:
+        def make(method: Method, current: bool, space: ReducedSpace = space) -> ReducedStepper:
             return ReducedStepper(
                 scene,
                 space.U,
@@ -233,7 +235,8 @@ def compare_motion(
                 space.cubature.weights,
                 tolerance=options.tolerance,
                 max_iterations=options.max_iterations,
-                **minimiser,
+                method=method,
+                current=current,
             )
 
         def state(i: int, space: ReducedSpace = space) -> ReducedState:

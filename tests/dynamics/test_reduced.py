@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.potential import IncrementalPotential
+from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.reduced_potential import value_gradient
 from ldsim.mechanics.motion import Grab
@@ -20,7 +21,14 @@ from tests.helpers import derivative_order, scene
 
 Array = NDArray[np.float64]
 
-MINIMISERS = [{}, {"current": True}, {"newton": True}, {"inertia_in_metric": False}]
+MINIMISERS: list[dict[str, object]] = [
+    {"method": Method.LBFGS, "current": False},
+    {"method": Method.LBFGS, "current": False, "inertia_in_metric": False},
+    {"method": Method.LBFGS, "current": True},
+    {"method": Method.BFGS, "current": True},
+    {"method": Method.BFGS, "current": False},
+    {"method": Method.NEWTON, "current": True},
+]
 TET = scene(beam(resolution=1), youngs_modulus=3e4)
 HEX = scene(beam(resolution=1, cell_type="hex8"), youngs_modulus=3e4)
 
@@ -71,7 +79,7 @@ def run(some: ReducedStepper, grabs: list[Grab], frames: int) -> list[ReducedSta
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
 def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None:
     U = full_basis(body)
-    reduced = run(stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, current=True), pull(body), 6)
+    reduced = run(stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9), pull(body), 6)
     full, state = FullStepper(body, tolerance=1e-9), FullState.at_rest(body.mesh.n_vertices)
     for step in reduced:
         state, _ = full.step(state, pull(body))
@@ -89,7 +97,7 @@ def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> N
 
 @pytest.mark.parametrize("options", MINIMISERS, ids=str)
 @pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
-def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[str, bool]) -> None:
+def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[str, object]) -> None:
     U = some_basis(TET, 6)
     reference = run(stepper(TET, U, decoder, tolerance=1e-10), pull(TET), 8)
     others = run(stepper(TET, U, decoder, tolerance=1e-10, **options), pull(TET), 8)
@@ -131,7 +139,7 @@ def test_the_gradient_is_the_derivative_of_the_potential() -> None:
 
 def test_a_step_depends_on_its_state_alone() -> None:
     U, decoder = some_basis(TET, 6), curved(6, 4)
-    some = stepper(TET, U, decoder, current=True)
+    some = stepper(TET, U, decoder)
     grabs = pull(TET)
     states = run(some, grabs, 5)
     run(some, pull(TET, -0.03), 3)
@@ -167,5 +175,5 @@ def test_a_start_of_infinite_energy_is_reported_and_the_state_kept() -> None:
     inverted = -2 * TET.mesh.vertices
     inverted[TET.pinned] = 0
     q = U.T @ (TET.mass @ inverted).ravel()
-    _, solution = some.step(ReducedState(q, q, q, q), [])
+    _, solution = some.step(ReducedState.moving(q, q, q, q), [])
     assert solution.reason == Reason.INFINITE_START

@@ -82,7 +82,7 @@ def test_a_lost_run_ends_in_nan_and_counts_as_diverged() -> None:
     inverted = -2 * BODY.mesh.vertices
     inverted[BODY.pinned] = 0
     q = U.T @ (BODY.mass @ inverted).ravel()
-    lost = run_reduced(stepper, BODY, MOTION, {}, range(3), start=ReducedState(q, q, q, q))
+    lost = run_reduced(stepper, BODY, MOTION, {}, range(3), start=ReducedState.moving(q, q, q, q))
     assert lost.diverged
     assert np.isnan(lost.coordinates).all()
     assert (lost.reason == Reason.INFINITE_START).all()
