@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldsim.mechanics.materials import MATERIALS, lame_parameters
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -75,12 +74,17 @@ def scene(
     time_step: float = 0.01,
 ) -> Scene:
     """A scene of one material, pinned where x is smallest."""
-    mu, lam = lame_parameters(youngs_modulus, poisson_ratio)
-    ones = np.ones(mesh.n_cells)
     x = mesh.vertices[:, 0]
-    kind = np.full(mesh.n_cells, MATERIALS[material], dtype=np.int8)
-    pinned = x < x.min() + 1e-9
-    return Scene(mesh, kind, mu * ones, lam * ones, density * ones, pinned, np.array(gravity), time_step)
+    return uniform_scene(
+        mesh,
+        x < x.min() + 1e-9,
+        material=material,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=poisson_ratio,
+        density=density,
+        gravity=gravity,
+        time_step=time_step,
+    )
 
 
 @contextlib.contextmanager

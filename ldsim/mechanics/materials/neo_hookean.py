@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, determinant, squared_norm
+from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, combination, determinant, squared_norm
 
 
 @njit(cache=True, inline="always")
@@ -30,18 +30,7 @@ def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     I1 = squared_norm(F)
     shear = mu * J ** (-2.0 / 3.0)
     pressure = lam * (J - 1.0) - shear * I1 / (3.0 * J)
-    C = cofactor(F)
-    P = (
-        shear * F[0] + pressure * C[0],
-        shear * F[1] + pressure * C[1],
-        shear * F[2] + pressure * C[2],
-        shear * F[3] + pressure * C[3],
-        shear * F[4] + pressure * C[4],
-        shear * F[5] + pressure * C[5],
-        shear * F[6] + pressure * C[6],
-        shear * F[7] + pressure * C[7],
-        shear * F[8] + pressure * C[8],
-    )
+    P = combination(shear, F, pressure, cofactor(F))
     return 0.5 * (shear * I1 - 3.0 * mu) + 0.5 * lam * (J - 1.0) ** 2, P
 
 

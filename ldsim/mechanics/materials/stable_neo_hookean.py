@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, determinant, squared_norm
+from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, combination, determinant, squared_norm
 
 
 @njit(cache=True, inline="always")
@@ -33,18 +33,7 @@ def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     J = determinant(F)
     shear = m * (1.0 - 1.0 / (I1 + 1.0))
     pressure = l * (J - alpha)
-    C = cofactor(F)
-    P = (
-        shear * F[0] + pressure * C[0],
-        shear * F[1] + pressure * C[1],
-        shear * F[2] + pressure * C[2],
-        shear * F[3] + pressure * C[3],
-        shear * F[4] + pressure * C[4],
-        shear * F[5] + pressure * C[5],
-        shear * F[6] + pressure * C[6],
-        shear * F[7] + pressure * C[7],
-        shear * F[8] + pressure * C[8],
-    )
+    P = combination(shear, F, pressure, cofactor(F))
     return energy(F, mu, lam), P
 
 

@@ -20,6 +20,22 @@ def determinant(A: Matrix) -> float:
 
 
 @njit(cache=True, inline="always")
+def combination(a: float, A: Matrix, b: float, B: Matrix) -> Matrix:
+    """a A + b B."""
+    return (
+        a * A[0] + b * B[0],
+        a * A[1] + b * B[1],
+        a * A[2] + b * B[2],
+        a * A[3] + b * B[3],
+        a * A[4] + b * B[4],
+        a * A[5] + b * B[5],
+        a * A[6] + b * B[6],
+        a * A[7] + b * B[7],
+        a * A[8] + b * B[8],
+    )
+
+
+@njit(cache=True, inline="always")
 def cofactor(A: Matrix) -> Matrix:
     """det(A) A^(−T), the derivative of the determinant."""
     return (
