@@ -29,6 +29,7 @@ class Scene:
         pinned: true for vertices that do not move, (n,) bool.
         gravity: acceleration, (3,) float64, m/s².
         time_step: h, s.
+        load: dead load on each vertex besides its weight, (n, 3) float64, N; None where there is none.
 
     Raises:
         SceneError: on a modulus, density or time step that is not allowed, or a part without a pin.
@@ -42,6 +43,7 @@ class Scene:
     pinned: NDArray[np.bool_]
     gravity: NDArray[np.float64]
     time_step: float
+    load: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         for name, values in (("mu", self.mu), ("density", self.density)):
@@ -82,11 +84,20 @@ class Scene:
         return mass_matrix(self.mesh, self.points, self.density)
 
     @cached_property
+    def vertex_mass(self) -> NDArray[np.float64]:
+        """Row sums of the mass matrix, (n,) float64, kg; zero where pinned."""
+        mass: NDArray[np.float64] = np.where(self.pinned, 0.0, self.mass.sum(axis=1))
+        return mass
+
+    @cached_property
     def external_force(self) -> NDArray[np.float64]:
-        """Weight of each vertex, (n, 3) float64, N; zero where pinned."""
-        force = self.mass.sum(axis=1)[:, None] * self.gravity
-        force[self.pinned] = 0.0
-        return force
+        """Weight and load of each vertex under the scene's own gravity, (n, 3) float64, N; zero where pinned."""
+        return self.force(self.gravity)
+
+    def force(self, gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same under another gravity, (3,) m/s²."""
+        weight: NDArray[np.float64] = self.vertex_mass[:, None] * gravity
+        return weight if self.load is None else weight + np.where(self.pinned[:, None], 0.0, self.load)
 
     @cached_property
     def movable(self) -> NDArray[np.bool_]:
