@@ -78,6 +78,9 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("pinned", "?", ("n",), "", "vertices that do not move"),
         Dataset("gravity", "f8", (3,), "m/s²", "acceleration"),
         Dataset("time_step", "f8", (), "s", "h"),
+        Dataset("load", "f8", ("n", 3), "N", "dead load on each vertex besides its weight", True),
+        Dataset("groups/*/vertices", "i8", ("v",), "", "vertices of a group of the mesh file", True),
+        Dataset("groups/*/cells", "i8", ("c",), "", "its cells; none where it is of faces, edges or points", True),
     ),
     "snapshots": _MOTION,
     "basis": (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,7 @@ from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.cubature.fit import CubatureSet
 from ldsim.reduction.decoder import Decoder
@@ -55,8 +56,11 @@ def counts(n: int) -> NDArray[np.int64]:
 
 
 def scene() -> Scene:
-    mesh = beam(resolution=1)
-    return uniform_scene(mesh, mesh.vertices[:, 0] == 0, youngs_modulus=1e5, poisson_ratio=0.4)
+    plain = beam(resolution=1)
+    end, none = np.flatnonzero(plain.vertices[:, 0] == 0), np.empty(0, dtype=np.int64)
+    mesh = replace(plain, groups={"left end": Group(end, none), "rim": Group(end, np.array([0, 2]))})
+    body = uniform_scene(mesh, mesh.vertices[:, 0] == 0, youngs_modulus=1e5, poisson_ratio=0.4)
+    return replace(body, load=numbers(mesh.n_vertices, 3))
 
 
 def basis() -> StoredBasis:
