@@ -26,7 +26,7 @@ from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Checkpoint, MotionStore, Snapshots, write_snapshots
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.mechanics.motion import Drag, Motion
+from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
@@ -98,7 +98,7 @@ MOTIONS = (
     Motion(
         "b", 3, (Drag(0, numbers(3), numbers(2, 3), 0.1, 30.0), Drag(2, numbers(3), numbers(1, 3), 0.2, 40.0, True))
     ),
-    Motion("a", 2, ()),
+    Motion("a", 2, (), numbers(2, 3), (Support(counts(3), numbers(2, 3, 4)), Support(counts(2), numbers(2, 3, 4) + 1))),
 )
 FRAMES = {motion.name: numbers(motion.frames, 4, 3).astype(np.float32) for motion in MOTIONS}
 HELD = {0: np.array([1, 3]), 1: np.array([2])}
