@@ -76,7 +76,8 @@ HEADER_MEANINGS = {
 SYMBOLS = (
     "n vertices · m cells · a nodes of a cell (in cubature.h5: points of all sets together) · s quadrature points · "
     "N frames (in `singular_values`: training snapshots) · k PCA dimension · r latent dimension · c cubature points · "
-    "D drags · T frames of all drags together · H held vertices of all drags together · d = 3n · e = k + 1 · l sets of "
+    "D drags · T frames of all drags together · H held vertices of all drags together · S moving "
+    "supports · V their vertices together · v vertices of a group (there c its cells) · d = 3n · e = k + 1 · l sets of "
     "the ladder · i, o inputs and outputs of a layer."
 )
 

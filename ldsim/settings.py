@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import itertools
 import os
+import random
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from ldsim.errors import SettingsError
 
 Vector = tuple[float, float, float]
+MaterialName = Literal["neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"]
 Positive = Annotated[float, Field(gt=0)]
 
 DATA_VARIABLE = "LDSIM_DATA"
 DATA_ORIGIN = "its authors publish it in the GitHub repository lawsonfulton/AutoDef"
+MOTION_KINDS = ("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
 
@@ -31,9 +35,7 @@ class Section(BaseModel):
 
 
 class MaterialSettings(Section):
-    model: Literal["neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"] = Field(
-        "neo_hookean", description="Elastic energy density."
-    )
+    model: MaterialName = Field("neo_hookean", description="Elastic energy density.")
     youngs_modulus: float = Field(gt=0, description="Young's modulus, Pa.")
     poisson_ratio: float = Field(0.47, gt=-1, lt=0.5, description="Poisson's ratio.")
 
@@ -55,14 +57,70 @@ class BallSettings(Section):
     radius: Positive = Field(description="Vertices within it of the centre are pinned, m.")
 
 
-class PinSettings(Section):
-    slab: SlabSettings | None = Field(None, description="Pin one end of the solid.")
-    ball: BallSettings | None = Field(None, description="Pin what lies in a ball.")
+class BoxSettings(Section):
+    min: Vector = Field(description="Its corner of smallest coordinates, m.")
+    max: Vector = Field(description="Its corner of largest coordinates, m.")
 
     @model_validator(mode="after")
-    def _one(self) -> PinSettings:
-        if (self.slab is None) == (self.ball is None):
-            raise ValueError("give exactly one of slab, ball")
+    def _ordered(self) -> BoxSettings:
+        if any(low > high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"min {list(self.min)} must not be greater than max {list(self.max)} on any axis")
+        return self
+
+
+class RegionSettings(Section):
+    """A part of the solid at rest."""
+
+    slab: SlabSettings | None = Field(None, description="One end of the solid.")
+    ball: BallSettings | None = Field(None, description="What lies in a ball.")
+    box: BoxSettings | None = Field(None, description="What lies in a box with edges along the axes.")
+    vertices: tuple[Annotated[int, Field(ge=0)], ...] | None = Field(
+        None, min_length=1, description="These vertices, numbered from 0 as in scene.h5."
+    )
+    group: str | None = Field(None, description="A group of the mesh file; `ldsim info` of scene.h5 lists them.")
+
+    @model_validator(mode="after")
+    def _one(self) -> RegionSettings:
+        if sum(getattr(self, name) is not None for name in RegionSettings.model_fields) != 1:
+            raise ValueError(f"give exactly one of {', '.join(RegionSettings.model_fields)}")
+        return self
+
+
+class MaterialChangeSettings(Section):
+    """What is different from the material so far; what is left out stays."""
+
+    model: MaterialName | None = Field(None, description="Elastic energy density.")
+    youngs_modulus: Positive | None = Field(None, description="Young's modulus, Pa.")
+    youngs_factor: Positive = Field(1.0, description="Factor on Young's modulus.")
+    poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Poisson's ratio.")
+
+
+class MaterialRegionSettings(Section):
+    where: RegionSettings = Field(description="Cells whose centroid lies in it, or that its list or group holds.")
+    material: MaterialChangeSettings = MaterialChangeSettings()  # type: ignore[call-arg]
+    density: Positive | None = Field(None, description="kg/m³.")
+
+
+class CellDataSettings(Section):
+    """Names of numbers that the mesh file gives to each cell."""
+
+    youngs_modulus: str | None = Field(None, description="Young's modulus, Pa.")
+    poisson_ratio: str | None = Field(None, description="Poisson's ratio.")
+    density: str | None = Field(None, description="kg/m³.")
+
+
+class LoadSettings(Section):
+    """A force on a region that keeps its size and direction however the solid deforms."""
+
+    where: RegionSettings = Field(description="Its cells, or the faces of the surface whose vertices all lie in it.")
+    acceleration: Vector | None = Field(None, description="Of the cells, as gravity acts, m/s².")
+    traction: Vector | None = Field(None, description="On the surface, force per area at rest, Pa.")
+    pressure: float | None = Field(None, description="Against the surface at rest, Pa.")
+
+    @model_validator(mode="after")
+    def _one(self) -> LoadSettings:
+        if sum(load is not None for load in (self.acceleration, self.traction, self.pressure)) != 1:
+            raise ValueError("give exactly one of acceleration, traction, pressure")
         return self
 
 
@@ -75,14 +133,19 @@ class MeshSettings(Section):
     reorient: bool = Field(False, description="Flip left-handed cells instead of refusing them.")
     material: MaterialSettings
     density: Positive = Field(1000.0, description="kg/m³.")
-    pins: tuple[PinSettings, ...] = Field(min_length=1, description="Vertices that do not move.")
+    cell_data: CellDataSettings | None = Field(None, description="Material read from the mesh file, cell by cell.")
+    regions: tuple[MaterialRegionSettings, ...] = Field((), description="Other material in parts; the last one wins.")
+    pins: tuple[RegionSettings, ...] = Field(min_length=1, description="Vertices that do not move by themselves.")
     gravity: Vector = Field((0.0, -9.8, 0.0), description="Acceleration, m/s².")
+    loads: tuple[LoadSettings, ...] = Field((), description="Forces besides gravity.")
     time_step: Positive = Field(0.005, description="h, s.")
 
     @model_validator(mode="after")
     def _one(self) -> MeshSettings:
         if (self.file is None) == (self.shape is None):
             raise ValueError("give exactly one of file, shape")
+        if self.cell_data is not None and self.file is None:
+            raise ValueError("cell_data is read from a mesh file; with a shape use regions")
         return self
 
 
@@ -96,24 +159,122 @@ class PullSettings(Section):
     rest: int = Field(40, ge=0, description="Frames of free motion after each pull.")
 
 
+class KeyframeSettings(Section):
+    time: float = Field(ge=0, description="Since the beginning of the motion, s.")
+
+
+class TargetSettings(KeyframeSettings):
+    target: Vector = Field(description="Where the pointer is, m.")
+
+
+class PoseSettings(KeyframeSettings):
+    translation: Vector = Field((0.0, 0.0, 0.0), description="From the rest pose, m.")
+    angle: float = Field(0.0, description="Turn about the axis from the rest pose, degrees.")
+
+
+class AccelerationSettings(KeyframeSettings):
+    acceleration: Vector = Field(description="Gravity, m/s².")
+
+
+class PathSettings(Section):
+    """Keyframes in time, and how to go from one to the next."""
+
+    interpolation: Literal["eased", "linear"] = Field(
+        "eased", description="Eased: each stretch starts and ends at rest; linear: at constant speed."
+    )
+    keyframes: tuple[KeyframeSettings, ...]
+
+    @field_validator("keyframes")
+    @classmethod
+    def _a_path(cls, keyframes: tuple[KeyframeSettings, ...]) -> tuple[KeyframeSettings, ...]:
+        if len(keyframes) < 2:
+            raise ValueError(f"a path needs at least two keyframes, got {len(keyframes)}")
+        times = [keyframe.time for keyframe in keyframes]
+        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+            raise ValueError(f"the times of keyframes must rise, got {times}")
+        return keyframes
+
+
+class GrabSettings(PathSettings):
+    point: Vector = Field(description="Where it takes hold, m.")
+    at_rest: bool = Field(True, description="Whether the point is on the rest shape; false: on the deformed one.")
+    stiffness: Positive = Field(30.0, description="Of the spring, N/m.")
+    radius: Positive = Field(0.03, description="Vertices within it are held, m.")
+    keyframes: tuple[TargetSettings, ...] = Field(description="Held from the first to the last, then let go.")
+
+
+class MovingPinsSettings(PathSettings):
+    where: RegionSettings = Field(description="Which of the pinned vertices.")
+    axis: Vector = Field((0.0, 0.0, 1.0), description="Axis of the turn.")
+    centre: Vector | None = Field(None, description="A point on the axis, m; left out, the middle of the vertices.")
+    keyframes: tuple[PoseSettings, ...] = Field(description="The first must be the rest pose.")
+
+
+class GravitySettings(PathSettings):
+    keyframes: tuple[AccelerationSettings, ...] = Field(description="Gravity before, between and after them.")
+
+
+class ScriptSettings(Section):
+    """What happens at what time; grabs, moving pins and gravity may go together."""
+
+    grabs: tuple[GrabSettings, ...] = Field((), description="Pulls of the pointer.")
+    moving_pins: tuple[MovingPinsSettings, ...] = Field((), description="Pinned regions that follow a path.")
+    gravity: GravitySettings | None = Field(None, description="Gravity that changes.")
+    duration: Positive | None = Field(None, description="Length of the motion, s; left out, until the last keyframe.")
+
+    @model_validator(mode="after")
+    def _something(self) -> ScriptSettings:
+        if not (self.grabs or self.moving_pins or self.gravity):
+            raise ValueError("give at least one of grabs, moving_pins, gravity")
+        return self
+
+
+class GravitySweepSettings(Section):
+    duration: Positive = Field(description="s.")
+    turns: int = Field(4, ge=1, description="Turns of the spiral from the scene's gravity to its opposite.")
+    size: Positive | None = Field(None, description="Of the acceleration, m/s²; left out, that of the scene's gravity.")
+
+
+class ReleaseSettings(Section):
+    """A grab that takes the solid slowly into a pose, waits until it is still, and lets go."""
+
+    point: Vector = Field(description="Where it takes hold, on the rest shape, m.")
+    target: Vector = Field(description="Where it takes the point, m.")
+    stiffness: Positive = Field(300.0, description="Of the spring, N/m.")
+    radius: Positive = Field(0.03, description="Vertices within it are held, m.")
+    pull: Positive = Field(0.5, description="Time to get there, s.")
+    hold: float = Field(0.5, ge=0, description="Time to come to rest there, s.")
+    swing: Positive = Field(1.0, description="Time of free motion after that, s.")
+
+
 class MotionSettings(Section):
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the motion in every artefact.")
-    role: Literal["train", "heldout"] = Field("train", description="Whether the model may learn from it.")
+    role: Literal["train", "heldout"] | None = Field(
+        None, description="Whether the model may learn from it; left out, train, or as heldout_share chooses."
+    )
     recording: str | None = Field(None, description="CSV of a recorded interaction.")
     pulls: PullSettings | None = Field(None, description="Seeded random pulls.")
+    script: ScriptSettings | None = Field(None, description="Keyframes of grabs, moving pins and gravity.")
+    script_file: str | None = Field(None, description="The same in a YAML file of its own.")
+    gravity_sweep: GravitySweepSettings | None = Field(None, description="Gravity from every direction in turn.")
+    release: ReleaseSettings | None = Field(None, description="Into a pose by a grab, then let go.")
     frames: int | None = Field(None, ge=1, description="Use only the first frames.")
 
     @model_validator(mode="after")
     def _one(self) -> MotionSettings:
-        if (self.recording is None) == (self.pulls is None):
-            raise ValueError("give exactly one of recording, pulls")
+        if sum(getattr(self, kind) is not None for kind in MOTION_KINDS) != 1:
+            raise ValueError(f"give exactly one of {', '.join(MOTION_KINDS)}")
         return self
 
 
 class SnapshotSettings(Section):
     """Full-space runs that the model learns from and is judged on."""
 
-    motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What pulls on the solid.")
+    motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What happens to the solid.")
+    heldout_share: float = Field(
+        0.0, ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."
+    )
+    heldout_seed: int = Field(0, ge=0, description="Of the choice of these.")
     tolerance: Positive = Field(1e-6, description="Stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.")
     factor_cost: int = Field(25, ge=1, description="Cost of a factorisation, in iterations of L-BFGS.")
     max_iterations: int = Field(500, ge=1, description="Of L-BFGS in one step.")
@@ -124,9 +285,17 @@ class SnapshotSettings(Section):
         names = [motion.name for motion in self.motions]
         if len(set(names)) < len(names):
             raise ValueError(f"motions must have different names, got {', '.join(names)}")
-        if all(motion.role != "train" for motion in self.motions):
+        if "train" not in self.roles:
             raise ValueError("at least one motion must have the role train")
         return self
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The role of each motion, given or chosen."""
+        open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
+        count = max(round(self.heldout_share * len(open_)), 1) if self.heldout_share > 0 and open_ else 0
+        chosen = random.Random(self.heldout_seed).sample(open_, count)
+        return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
 
 
 class PcaSettings(Section):
@@ -185,6 +354,9 @@ class Settings(Section):
     report: ReportSettings = ReportSettings()  # type: ignore[call-arg]
 
 
+AnySection = TypeVar("AnySection", bound=BaseModel)
+
+
 def load_settings(path: Path) -> Settings:
     """Read and check a configuration.
 
@@ -194,27 +366,37 @@ def load_settings(path: Path) -> Settings:
     """
     if not path.is_file():
         raise SettingsError(f"configuration {path} does not exist; examples lie in configs/")
+    return _validated(path, "configuration", Settings)
+
+
+def load_script(path: Path) -> ScriptSettings:
+    """Read and check a script of a motion; see `load_settings`."""
+    return _validated(path, "script", ScriptSettings)
+
+
+def _validated(path: Path, what: str, section: type[AnySection]) -> AnySection:
+    """The content of a YAML file as a section."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         reason = " ".join(str(error).split())
-        raise SettingsError(f"configuration {path} is not valid YAML: {reason}") from error
+        raise SettingsError(f"{what} {path} is not valid YAML: {reason}") from error
     if content is None:
-        raise SettingsError(f"configuration {path} is empty; examples lie in configs/")
+        raise SettingsError(f"{what} {path} is empty; examples lie in configs/")
     if not isinstance(content, dict):
-        raise SettingsError(f"configuration {path} holds {type(content).__name__}; expected a mapping of sections")
+        raise SettingsError(f"{what} {path} holds {type(content).__name__}; expected a mapping of sections")
     try:
-        return Settings.model_validate(content)
+        return section.model_validate(content)
     except ValidationError as error:
-        faults = "; ".join(_fault(dict(fault)) for fault in error.errors())
-        raise SettingsError(f"configuration {path}: {faults}") from error
+        faults = "; ".join(_fault(dict(fault), what, section) for fault in error.errors())
+        raise SettingsError(f"{what} {path}: {faults}") from error
 
 
-def _fault(fault: dict[str, Any]) -> str:
+def _fault(fault: dict[str, Any], what: str, root: type[BaseModel]) -> str:
     """One fault in words: the key's path, what is wrong, what was got, and the nearest known key."""
-    where = ".".join(str(part) for part in fault["loc"]) or "configuration"
+    where = ".".join(str(part) for part in fault["loc"]) or what
     if fault["type"] == "extra_forbidden":
-        known = _known_keys(fault["loc"][:-1])
+        known = _known_keys(fault["loc"][:-1], root)
         near = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
         return f"unknown key {where!r}; {hint}"
@@ -225,9 +407,9 @@ def _fault(fault: dict[str, Any]) -> str:
     return f"{where}: {message[:1].lower()}{message[1:]}{got}"
 
 
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+def _known_keys(location: tuple[int | str, ...], root: type[BaseModel]) -> list[str]:
     """The keys of the section at a path; union members and list indices are passed through."""
-    sections: list[type[BaseModel]] = [Settings]
+    sections: list[type[BaseModel]] = [root]
     for part in location:
         if isinstance(part, int):
             continue
@@ -283,7 +465,8 @@ def input_files(settings: Settings, stage: str, config: Path) -> list[Path]:
     if stage == "mesh" and settings.mesh.file is not None:
         return [resolve_path(settings.mesh.file, config)]
     if stage == "snapshot":
-        names = [motion.recording for motion in settings.snapshot.motions if motion.recording is not None]
+        motions = settings.snapshot.motions
+        names = [name for motion in motions for name in (motion.recording, motion.script_file) if name is not None]
         return [resolve_path(name, config) for name in names]
     return []
 

@@ -11,7 +11,17 @@ import pytest
 import yaml
 
 from ldsim.errors import SettingsError
-from ldsim.settings import STAGES, Settings, TrainSettings, dump, load_settings, resolve_path, stage_settings, stamp
+from ldsim.settings import (
+    STAGES,
+    Settings,
+    TrainSettings,
+    dump,
+    load_script,
+    load_settings,
+    resolve_path,
+    stage_settings,
+    stamp,
+)
 
 SMALLEST: dict[str, Any] = {
     "experiment": "small",
@@ -40,14 +50,14 @@ def changed(path: str, value: object) -> dict[str, Any]:
     if value is ...:
         del place[last]
     else:
-        place[last] = value
+        place[int(last) if last.isdigit() else last] = value
     return content
 
 
 def test_the_smallest_configuration_is_complete(tmp_path: Path) -> None:
     settings = load_settings(written(tmp_path, SMALLEST))
     assert settings.mesh.time_step == 0.005
-    assert settings.snapshot.motions[0].role == "train"
+    assert settings.snapshot.roles == ("train",)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +84,45 @@ def test_the_smallest_configuration_is_complete(tmp_path: Path) -> None:
         ("mesh.file", "x.mesh", ["mesh", "exactly one of file, shape"]),
         ("mesh.shape", ..., ["mesh", "exactly one of file, shape"]),
         ("snapshot.motions.0.recording", "x.csv", ["snapshot.motions.0", "exactly one of recording, pulls"]),
-        ("mesh.pins.0.ball", {"centre": [0, 0, 0], "radius": 1}, ["mesh.pins.0", "exactly one of slab, ball"]),
+        ("mesh.pins.0.ball", {"centre": [0, 0, 0], "radius": 1}, ["mesh.pins.0", "exactly one of slab, ball, box"]),
+        ("mesh.pins.0.slab", ..., ["mesh.pins.0", "exactly one of slab, ball, box, vertices, group"]),
+        ("mesh.pins", [{"box": {"min": [0, 1, 0], "max": [1, 0, 1]}}], ["mesh.pins.0.box", "must not be greater"]),
+        ("mesh.pins", [{"vertices": []}], ["mesh.pins.0.vertices", "at least 1"]),
+        ("mesh.pins", [{"vertices": [-1]}], ["mesh.pins.0.vertices.0", "greater than or equal to 0"]),
+        ("mesh.material.youngs_modulus", -1.0, ["mesh.material.youngs_modulus", "greater than 0", "-1"]),
+        ("mesh.regions", [{"material": {}}], ["mesh.regions.0.where is missing"]),
+        (
+            "mesh.regions",
+            [{"where": {"group": "a"}, "material": {"poisson_ratio": 0.5}}],
+            ["mesh.regions.0.material.poisson_ratio", "less than 0.5"],
+        ),
+        ("mesh.cell_data", {"density": "rho"}, ["mesh", "cell_data is read from a mesh file"]),
+        (
+            "mesh.loads",
+            [{"where": {"group": "a"}, "pressure": 1.0, "traction": [0, 0, 1]}],
+            ["mesh.loads.0", "exactly one of acceleration, traction, pressure"],
+        ),
+        (
+            "snapshot.motions.0",
+            {"name": "a", "script": {"moving_pins": [{"where": {"group": "a"}, "keyframes": [{"time": 0}]}]}},
+            ["snapshot.motions.0.script.moving_pins.0.keyframes", "at least two keyframes, got 1"],
+        ),
+        (
+            "snapshot.motions.0",
+            {
+                "name": "a",
+                "script": {"gravity": {"keyframes": [{"time": t, "acceleration": [0, 0, 0]} for t in (2, 1)]}},
+            },
+            ["snapshot.motions.0.script.gravity.keyframes", "times of keyframes must rise, got [2.0, 1.0]"],
+        ),
+        (
+            "snapshot.motions.0",
+            {"name": "a", "script": {"gravity": {"keyframes": [{"time": 0, "acceleratoin": [0, 0, 0]}]}}},
+            ["snapshot.motions.0.script.gravity.keyframes.0.acceleratoin", "did you mean 'acceleration'?"],
+        ),
+        ("snapshot.motions.0", {"name": "a", "script": {}}, ["at least one of grabs, moving_pins, gravity"]),
+        ("snapshot.heldout_share", 1.0, ["snapshot.heldout_share", "less than 1"]),
+        ("snapshot.heldout_share", 0.5, ["snapshot", "at least one motion must have the role train"]),
         ("mesh", ..., ["mesh is missing"]),
         ("snapshot", ..., ["snapshot is missing"]),
         ("experiment", ..., ["experiment is missing"]),
@@ -150,7 +198,9 @@ def recorded(tmp_path: Path) -> Path:
     """A configuration that reads a mesh file and a recording."""
     (tmp_path / "a.mesh").write_text("one mesh", encoding="utf-8")
     (tmp_path / "a.csv").write_text("one recording", encoding="utf-8")
-    content = changed("snapshot.motions", [{"name": "a", "recording": "a.csv"}])
+    (tmp_path / "b.yaml").write_text("one script", encoding="utf-8")
+    motions = [{"name": "a", "recording": "a.csv"}, {"name": "b", "script_file": "b.yaml"}]
+    content = changed("snapshot.motions", motions)
     del content["mesh"]["shape"]
     content["mesh"]["file"] = "a.mesh"
     return written(tmp_path, content)
@@ -168,9 +218,10 @@ def retouched(path: Path, edit: Callable[[str], str]) -> None:
         ("small.yaml", lambda text: f"{text}train: {{epochs: {TrainSettings().epochs}}}\n", set()),
         ("a.mesh", lambda text: "another mesh", {"mesh"}),
         ("a.csv", lambda text: "another recording", {"snapshot"}),
+        ("b.yaml", lambda text: "another script", {"snapshot"}),
         ("a.mesh", lambda text: text, set()),
     ],
-    ids=["comment", "setting", "setting equal to its default", "mesh file", "recording", "mesh file touched"],
+    ids=["comment", "setting", "setting equal to its default", "mesh file", "recording", "script", "mesh file touched"],
 )
 def test_a_stamp_changes_with_values_and_file_contents_alone(
     recorded: Path, file: str, edit: Callable[[str], str], expected: set[str]
@@ -207,3 +258,44 @@ def test_a_path_is_relative_to_the_configuration_unless_it_starts_with_the_data_
     monkeypatch.setenv("LDSIM_DATA", str(data))
     assert resolve_path("x.mesh", configs / "c.yaml") == configs / "x.mesh"
     assert resolve_path("$LDSIM_DATA/x.mesh", configs / "c.yaml") == data / "x.mesh"
+
+
+def of_motions(roles: list[str | None], **keys: object) -> dict[str, Any]:
+    pulls = {"count": 1, "reach": 0.1}
+    motions = [{"name": f"m{i}", "pulls": pulls} | ({"role": role} if role else {}) for i, role in enumerate(roles)]
+    return SMALLEST | {"snapshot": {"motions": motions, **keys}}
+
+
+def test_a_share_of_the_motions_without_a_role_is_held_out_by_its_seed(tmp_path: Path) -> None:
+    given: list[str | None] = ["heldout", "train", *[None] * 8]
+
+    def roles(seed: int) -> tuple[str, ...]:
+        content = of_motions(given, heldout_share=0.25, heldout_seed=seed)
+        return load_settings(written(tmp_path, content)).snapshot.roles
+
+    assert roles(0)[:2] == ("heldout", "train")
+    assert all(roles(seed)[2:].count("heldout") == 2 for seed in range(10))
+    assert roles(3) == roles(3)
+    assert len({roles(seed) for seed in range(10)}) > 3
+
+
+def test_a_small_share_still_holds_one_motion_out(tmp_path: Path) -> None:
+    settings = load_settings(written(tmp_path, of_motions([None, None, None], heldout_share=0.01)))
+    assert sorted(settings.snapshot.roles) == ["heldout", "train", "train"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("grabs: 3\n", "script .*: grabs: "),
+        ("gravity: {keyframe: []}\n", "unknown key 'gravity.keyframe'; did you mean 'keyframes'"),
+        ("grab: []\n", "unknown key 'grab'; did you mean 'grabs'"),
+    ],
+)
+def test_a_bad_script_is_told_like_a_bad_configuration(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "script.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=words) as caught:
+        load_script(path)
+    assert "script.yaml" in str(caught.value)

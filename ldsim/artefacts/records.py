@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldsim.artefacts.store import Header, read_header, reading, write
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
-from ldsim.mesh.mesh import Mesh
+from ldsim.mesh.mesh import Group, Mesh
 from ldsim.reduction.cubature.fit import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 def write_scene(path: Path, header: Header, scene: Scene) -> None:
     """Write scene.h5."""
     points = scene.points
+    optional: dict[str, NDArray[np.generic]] = {} if scene.load is None else {"load": scene.load}
+    for name, group in scene.mesh.groups.items():
+        optional[f"groups/{name}/vertices"], optional[f"groups/{name}/cells"] = group.vertices, group.cells
     write(
         path,
         header,
@@ -41,6 +44,7 @@ def write_scene(path: Path, header: Header, scene: Scene) -> None:
             "pinned": scene.pinned,
             "gravity": scene.gravity,
             "time_step": np.float64(scene.time_step),
+            **optional,
         },
     )
 
@@ -49,7 +53,9 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
     """Read scene.h5; the quadrature is made anew from the mesh."""
     with reading(path, "scene") as file:
         cells = file["mesh/cells"][:]
-        mesh = Mesh(file["mesh/vertices"][:], cells, "tet4" if cells.shape[1] == 4 else "hex8")
+        stored = file["groups"].items() if "groups" in file else ()
+        groups = {name: Group(group["vertices"][:], group["cells"][:]) for name, group in stored}
+        mesh = Mesh(file["mesh/vertices"][:], cells, "tet4" if cells.shape[1] == 4 else "hex8", groups)
         scene = Scene(
             mesh,
             file["material/kind"][:],
@@ -59,6 +65,7 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
             file["pinned"][:],
             file["gravity"][:],
             float(file["time_step"][()]),
+            file["load"][:] if "load" in file else None,
         )
         return scene, read_header(file)
 

@@ -44,6 +44,12 @@ _MOTION = (
     Dataset("motions/*/targets", "f8", ("T", 3), "m", "pointer in each frame of each drag, one drag after another"),
     Dataset("motions/*/held", "i8", ("H",), "", "held vertices, one drag after another"),
     Dataset("motions/*/held_count", "i8", ("D",), "", "number of held vertices of each drag"),
+    Dataset("motions/*/gravity", "f8", ("N", 3), "m/s²", "in each frame; absent where it is the scene's own", True),
+    Dataset(
+        "motions/*/support_maps", "f8", ("S", "N", 3, 4), "", "x = A X + b of moving pins as (A | b); b in m", True
+    ),
+    Dataset("motions/*/support_vertices", "i8", ("V",), "", "moving pins, one support after another", True),
+    Dataset("motions/*/support_count", "i8", ("S",), "", "number of vertices of each support", True),
     Dataset("motions/*/iterations", "i8", ("N",), "", "of the solver in each frame"),
     Dataset("motions/*/evaluations", "i8", ("N",), "", "of the potential in each frame"),
     Dataset("motions/*/reason", "i8", ("N",), "", "why the solver stopped (0 converged)"),
@@ -78,6 +84,9 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("pinned", "?", ("n",), "", "vertices that do not move"),
         Dataset("gravity", "f8", (3,), "m/s²", "acceleration"),
         Dataset("time_step", "f8", (), "s", "h"),
+        Dataset("load", "f8", ("n", 3), "N", "dead load on each vertex besides its weight", True),
+        Dataset("groups/*/vertices", "i8", ("v",), "", "vertices of a group of the mesh file", True),
+        Dataset("groups/*/cells", "i8", ("c",), "", "its cells; none where it is of faces, edges or points", True),
     ),
     "snapshots": _MOTION,
     "basis": (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.store import Header, check_datasets, creating, read_header, reading, write_header, writing
-from ldsim.mechanics.motion import Drag, Motion
+from ldsim.mechanics.motion import Drag, Motion, Support
 
 Array = NDArray[np.float64]
 
@@ -43,8 +43,13 @@ class Recorded:
 
 def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict[str, NDArray[np.generic]]:
     """A motion and its held vertices as arrays."""
-    drags = motion.drags
+    drags, supports = motion.drags, motion.supports
     vertices = [held.get(i, np.empty(0, dtype=np.int64)) for i in range(len(drags))]
+    optional: dict[str, NDArray[np.generic]] = {} if motion.gravity is None else {"gravity": motion.gravity}
+    if supports:
+        optional["support_maps"] = np.stack([support.maps for support in supports])
+        optional["support_vertices"] = np.concatenate([support.vertices for support in supports])
+        optional["support_count"] = np.array([len(support.vertices) for support in supports], dtype=np.int64)
     return {
         "drag_start": np.array([drag.start for drag in drags], dtype=np.int64),
         "drag_frames": np.array([len(drag.targets) for drag in drags], dtype=np.int64),
@@ -55,6 +60,7 @@ def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict
         "targets": np.concatenate([np.empty((0, 3)), *(drag.targets for drag in drags)]),
         "held": np.concatenate([np.empty(0, dtype=np.int64), *vertices]),
         "held_count": np.array([len(v) for v in vertices], dtype=np.int64),
+        **optional,
     }
 
 
@@ -69,7 +75,15 @@ def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, NDArray
         for start, point, radius, stiffness, at_rest, target in zip(*columns, targets, strict=True)
     )
     settled = {i: vertices for i, vertices in enumerate(held) if len(vertices)}
-    return Motion(name, int(group.attrs["frames"]), drags), settled
+    gravity = group["gravity"][:] if "gravity" in group else None
+    return Motion(name, int(group.attrs["frames"]), drags, gravity, _supports(group)), settled
+
+
+def _supports(group: h5py.Group) -> tuple[Support, ...]:
+    if "support_maps" not in group:
+        return ()
+    vertices = np.split(group["support_vertices"][:], np.cumsum(group["support_count"][:])[:-1])
+    return tuple(Support(*pair) for pair in zip(vertices, group["support_maps"][:], strict=True))
 
 
 class Snapshots:

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.artefacts.records import write_scene
+from ldsim.cli.regions import region
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
-from ldsim.mechanics.pins import Ball, Pin, Slab, pinned_vertices
-from ldsim.mechanics.scene import uniform_scene
+from ldsim.mechanics.loads import body_force, pressure_force, surface_force
+from ldsim.mechanics.pins import pinned_vertices
+from ldsim.mechanics.properties import Change, Properties
+from ldsim.mechanics.quadrature import quadrature
+from ldsim.mechanics.regions import cells_in
+from ldsim.mechanics.scene import make_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, check_cells, reoriented
 from ldsim.mesh.shapes import SHAPES
-from ldsim.settings import MeshSettings, PinSettings, resolve_path
+from ldsim.settings import MeshSettings, resolve_path
+
+Array = NDArray[np.float64]
 
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(run: Run) -> None:
     settings = run.settings.mesh
-    mesh = _mesh(run, settings)
+    mesh, cell_data = _mesh(run, settings)
     check_cells(mesh)
-    scene = uniform_scene(
-        mesh,
-        pinned_vertices(mesh.vertices, [_pin(pin) for pin in settings.pins]),
-        material=settings.material.model,
-        youngs_modulus=settings.material.youngs_modulus,
-        poisson_ratio=settings.material.poisson_ratio,
-        density=settings.density,
-        gravity=settings.gravity,
-        time_step=settings.time_step,
-    )
+    pinned = pinned_vertices(mesh, [region(place) for place in settings.pins])
+    properties = _properties(settings, mesh, cell_data)
+    load = _load(settings, mesh, properties)
+    scene = make_scene(mesh, pinned, properties, settings.gravity, settings.time_step, load)
     write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
     run.done(
         "scene",
@@ -38,20 +43,56 @@ def command(run: Run) -> None:
     )
 
 
-def _mesh(run: Run, settings: MeshSettings) -> Mesh:
+def _mesh(run: Run, settings: MeshSettings) -> tuple[Mesh, Mapping[str, Array]]:
+    """The mesh and the numbers that its file gives to each cell."""
     if settings.shape is not None:
         if settings.shape.name not in SHAPES:
             raise SettingsError(f"mesh.shape.name is {settings.shape.name!r}; known are {', '.join(SHAPES)}")
-        return SHAPES[settings.shape.name](resolution=settings.shape.resolution, cell_type=settings.shape.cell_type)
+        shape = SHAPES[settings.shape.name]
+        return shape(resolution=settings.shape.resolution, cell_type=settings.shape.cell_type), {}
     assert settings.file is not None
     read = read_mesh(resolve_path(settings.file, run.config), settings.scale)
     if read.dropped_vertices:
         click.echo(f"{read.dropped_vertices} vertices that no cell uses were dropped", err=True)
-    return reoriented(read.mesh) if settings.reorient else read.mesh
+    return reoriented(read.mesh) if settings.reorient else read.mesh, read.cell_data
 
 
-def _pin(settings: PinSettings) -> Pin:
-    if settings.slab is not None:
-        return Slab(settings.slab.axis, settings.slab.at == "max", settings.slab.thickness)
-    assert settings.ball is not None
-    return Ball(settings.ball.centre, settings.ball.radius)
+def _properties(settings: MeshSettings, mesh: Mesh, cell_data: Mapping[str, Array]) -> Properties:
+    """The scene's material, then what the file says of each cell, then the regions in their order."""
+    material = settings.material
+    properties = Properties.uniform(
+        mesh.n_cells, material.model, material.youngs_modulus, material.poisson_ratio, settings.density
+    )
+    if settings.cell_data is not None:
+        names = settings.cell_data
+        modulus, ratio = _column(names.youngs_modulus, cell_data), _column(names.poisson_ratio, cell_data)
+        density = _column(names.density, cell_data)
+        properties = properties.changed(Change(youngs_modulus=modulus, poisson_ratio=ratio, density=density))
+    for part in settings.regions:
+        change = Change(**part.material.model_dump(), density=part.density)
+        properties = properties.changed(change, cells_in(region(part.where), mesh, "changes"))
+    return properties
+
+
+def _column(name: str | None, cell_data: Mapping[str, Array]) -> Array | None:
+    if name is None:
+        return None
+    if name not in cell_data:
+        known = ", ".join(cell_data) or "none"
+        raise SettingsError(f"mesh.cell_data: the mesh file gives no number {name!r} to its cells; known are {known}")
+    return cell_data[name]
+
+
+def _load(settings: MeshSettings, mesh: Mesh, properties: Properties) -> Array | None:
+    """The sum of all loads, (n, 3) N; None without."""
+    forces = []
+    for load in settings.loads:
+        place = region(load.where)
+        if load.acceleration is not None:
+            points = quadrature(mesh)
+            forces.append(body_force(mesh, points, properties.density, place, load.acceleration))
+        if load.traction is not None:
+            forces.append(surface_force(mesh, place, load.traction))
+        if load.pressure is not None:
+            forces.append(pressure_force(mesh, place, load.pressure))
+    return sum(forces[1:], start=forces[0]) if forces else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.mechanics.motion import check_pins_stand
 from ldsim.reduction.pca import errors_against_k, fit_basis, inner_product
 
 
@@ -15,6 +16,8 @@ def command(run: Run) -> None:
     metric = inner_product(scene.mass, settings.inner_product)
     with Snapshots(run.path("snapshots")) as snapshots, progress_bar(2, "pca", "pass") as bar:
         run.check("snapshots", snapshots.header, "scene")
+        for name in snapshots.names:
+            check_pins_stand(snapshots.recorded(name).motion)
         train, heldout = snapshots.with_role("train"), snapshots.with_role("heldout")
         basis = fit_basis(
             lambda: snapshots.chunks(train), metric, settings.k, settings.tolerance_mm / 1e3, settings.max_k

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from ldsim.dynamics.potential import IncrementalPotential
 from ldsim.dynamics.preconditioner import TurnedHessian
 from ldsim.errors import SolverError
-from ldsim.mechanics.motion import Grab, GrabTracker
+from ldsim.mechanics.motion import Conditions, Grab, GrabTracker
 from ldsim.mechanics.scene import Scene
 from ldsim.solvers.lbfgs import minimise
 from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
+
+STILL = Conditions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +64,15 @@ class FullStepper:
         self._factorised_at: Array | None = None
         self.factorisations = 0
 
-    def step(self, state: FullState, grabs: Sequence[Grab]) -> tuple[FullState, Solution]:
+    def step(
+        self, state: FullState, grabs: Sequence[Grab], conditions: Conditions = STILL
+    ) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
         if excess > self._factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
-        potential = IncrementalPotential(self._scene, 2 * state.u - state.u_previous, grabs)
-        x, guesses = _initial_guess(potential, state)
+        potential = IncrementalPotential(self._scene, 2 * state.u - state.u_previous, grabs, conditions.gravity)
+        x, guesses = _initial_guess(potential, state, self._scene.pinned, conditions.prescribed)
         self._prepare(u_factor, x, grabs)
 
         def refactorise(trial: Array, iteration: int) -> bool:
@@ -102,9 +106,14 @@ class FullStepper:
         self._hessian.prepare(x.reshape(-1, 3), grabs)
 
 
-def _initial_guess(potential: IncrementalPotential, state: FullState) -> tuple[Array, int]:
-    """The better of 2uₙ − uₙ₋₁ and uₙ, (3n,), and the number of evaluations it took to tell."""
+def _initial_guess(
+    potential: IncrementalPotential, state: FullState, pinned: NDArray[np.bool_], prescribed: Array | None
+) -> tuple[Array, int]:
+    """The better of 2uₙ − uₙ₋₁ and uₙ with the pins in place, (3n,), and the number of evaluations it took to tell."""
     moving, still = (2 * state.u - state.u_previous).ravel(), state.u.ravel().copy()
+    if prescribed is not None:
+        moving.reshape(-1, 3)[pinned] = prescribed
+        still.reshape(-1, 3)[pinned] = prescribed
     scratch = np.empty_like(moving)
     if potential.value_gradient(moving, scratch) <= potential.value_gradient(still, scratch):
         return moving, 2
@@ -121,10 +130,10 @@ def run(
             still large.
     """
     for frame in frames:
-        state, solution = stepper.step(state, tracker.grabs(frame, state.u))
+        state, solution = stepper.step(state, tracker.grabs(frame, state.u), tracker.conditions(frame))
         if solution.reason == Reason.INFINITE_START or not np.isfinite(state.u).all():
             raise SolverError(
                 f"frame {frame}: {solution.reason.words}; a cell is inverted — use a smaller time step, "
-                "a weaker grab or a stiffer material"
+                "a weaker grab, a slower path or a stiffer material"
             )
         yield frame, state, solution

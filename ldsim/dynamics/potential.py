@@ -21,10 +21,15 @@ class IncrementalPotential:
     Args:
         predictor: û, (n, 3) float64, metres.
         grabs: the springs that pull in this step.
+        gravity: (3,) float64, m/s²; None for the scene's own.
+
+    Pinned vertices stay where `x` has them: their displacement is given, and felt by the others through V and, where
+    they accelerate, through M.
     """
 
-    def __init__(self, scene: Scene, predictor: Array, grabs: Sequence[Grab]) -> None:
+    def __init__(self, scene: Scene, predictor: Array, grabs: Sequence[Grab], gravity: Array | None = None) -> None:
         self._scene = scene
+        self._force = scene.external_force if gravity is None else scene.force(gravity)
         self._predictor = predictor
         self._grabs = grabs
         self._mass: csr_array = scene.mass
@@ -34,8 +39,8 @@ class IncrementalPotential:
         u, g = x.reshape(-1, 3), gradient.reshape(-1, 3)
         offset = u - self._predictor
         momentum = (self._mass @ offset) / self._scene.time_step**2
-        g[:] = momentum - self._scene.external_force
-        value = 0.5 * float(np.vdot(offset, momentum)) - float(np.vdot(self._scene.external_force, u))
+        g[:] = momentum - self._force
+        value = 0.5 * float(np.vdot(offset, momentum)) - float(np.vdot(self._force, u))
         for grab in self._grabs:
             pull = self._pull(grab, u)
             g[grab.vertices] += grab.stiffness / len(grab.vertices) * pull

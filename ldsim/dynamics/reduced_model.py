@@ -130,6 +130,10 @@ class ReducedStepper:
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
+        # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
+        self._own_force = self._model.force.copy()
+        self._load = U.T @ scene.force(np.zeros(3)).ravel()
+        self._weight = np.einsum("nik,n->ki", self._U, scene.vertex_mass)
         self._method = method
         renewal = RENEWAL[method] if current else max_iterations
         self._options = Options(tolerance, max_iterations, int(method), current, renewal)
@@ -137,8 +141,15 @@ class ReducedStepper:
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
 
-    def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
-        """Advance by one time step; the returned state is new, the given one unchanged."""
+    def step(
+        self, state: ReducedState, grabs: Sequence[Grab], gravity: Array | None = None
+    ) -> tuple[ReducedState, Solution]:
+        """Advance by one time step; the returned state is new, the given one unchanged.
+
+        Args:
+            gravity: (3,) float64, m/s²; None for the scene's own.
+        """
+        self._model.force[:] = self._own_force if gravity is None else self._load + self._weight @ gravity
         held = tuple(grab.vertices for grab in grabs)
         renew = state.H is None or state.excess > RENEWAL_COST[self._method] or not _same(held, state.held)
         H = np.eye(len(state.z)) if state.H is None else state.H.copy()

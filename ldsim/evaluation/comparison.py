@@ -18,7 +18,7 @@ from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.motion import GrabTracker, Motion, check_pins_stand
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import CubatureSet
 from ldsim.reduction.decoder import Decoder
@@ -69,7 +69,12 @@ def run_reduced(
     start: ReducedState | None = None,
     progress: Callable[[], object] | None = None,
 ) -> Trajectory:
-    """Step through frames of a motion in a reduced space; a run that is lost ends in NaN."""
+    """Step through frames of a motion in a reduced space; a run that is lost ends in NaN.
+
+    Raises:
+        MotionError: the motion moves pins, which a reduced space cannot.
+    """
+    check_pins_stand(motion)
     tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
     state = start if start is not None else ReducedState.at_rest(stepper.decoder)
     count, decoder = len(frames), stepper.decoder
@@ -81,9 +86,9 @@ def run_reduced(
     for i, frame in enumerate(frames):
         state = (restarts.before(frame) if restarts is not None else None) or state
         u = stepper.displacement(state) if tracker.needs_state(frame) else None
-        grabs = tracker.grabs(frame, u)
+        grabs, gravity = tracker.grabs(frame, u), tracker.conditions(frame).gravity
         started = time.perf_counter()
-        state, solution = stepper.step(state, grabs)
+        state, solution = stepper.step(state, grabs, gravity)
         seconds[i] = time.perf_counter() - started
         counts[i] = solution.iterations, solution.evaluations, solution.reason
         if solution.reason == Reason.INFINITE_START or not np.linalg.norm(state.q) < limit:
@@ -104,11 +109,11 @@ def run_full(
     state = FullState(before[0], before[1], before[0])
     counts = np.zeros((len(frames), 3), dtype=np.int64)
     seconds = np.zeros(len(frames))
-    stepper.step(state, tracker.grabs(frames[0], state.u))
+    stepper.step(state, tracker.grabs(frames[0], state.u), tracker.conditions(frames[0]))
     for i, frame in enumerate(frames):
-        grabs = tracker.grabs(frame, state.u)
+        grabs, conditions = tracker.grabs(frame, state.u), tracker.conditions(frame)
         started = time.perf_counter()
-        state, solution = stepper.step(state, grabs)
+        state, solution = stepper.step(state, grabs, conditions)
         seconds[i] = time.perf_counter() - started
         counts[i] = solution.iterations, solution.evaluations, solution.reason
     return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds)

@@ -1,12 +1,14 @@
 """Motions: what pulls on the solid, frame by frame.
 
-A motion is a sequence of drags. A drag holds the vertices around the picked one to a moving target by a spring on their
-centroid, from one frame to another; which vertices these are is settled when the drag starts, on the deformed mesh.
+A motion is a sequence of drags, along which gravity may change and pins may move. A drag holds the vertices around the
+picked one to a moving target by a spring on their centroid, from one frame to another; which vertices these are is
+settled when the drag starts, on the deformed mesh.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,16 +43,81 @@ class Drag:
 
 
 @dataclass(frozen=True, eq=False)
+class Support:
+    """Pinned vertices that move together along a prescribed path, x = A X + b in each frame.
+
+    Attributes:
+        vertices: which, (v,) int64.
+        maps: (A | b) of each frame, (frames, 3, 4) float64; b in metres.
+    """
+
+    vertices: NDArray[np.int64]
+    maps: NDArray[np.float64]
+
+    def displacement(self, frame: int, rest: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A X + b − X of its vertices, (v, 3) metres, from the rest positions of all, (n, 3)."""
+        X = rest[self.vertices]
+        u: NDArray[np.float64] = X @ self.maps[frame, :, :3].T + self.maps[frame, :, 3] - X
+        return u
+
+
+class Conditions(NamedTuple):
+    """What a motion asks for in one frame besides its grabs.
+
+    Attributes:
+        gravity: (3,) float64, m/s²; None for the scene's own.
+        prescribed: displacement of every pinned vertex, (p, 3) float64, metres, in the order of `Scene.pinned`; None
+            where all pins stand still.
+    """
+
+    gravity: NDArray[np.float64] | None = None
+    prescribed: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Motion:
-    """Drags over a number of frames; frame i is the state at time (i + 1) h."""
+    """What happens to the solid over a number of frames; frame i is the state at time (i + 1) h.
+
+    Attributes:
+        drags: pulls of the pointer.
+        gravity: acceleration in each frame, (frames, 3) float64, m/s²; None for the scene's own.
+        supports: pins that move.
+    """
 
     name: str
     frames: int
-    drags: tuple[Drag, ...]
+    drags: tuple[Drag, ...] = ()
+    gravity: NDArray[np.float64] | None = None
+    supports: tuple[Support, ...] = ()
 
     def active(self, frame: int) -> list[int]:
         """The drags that pull in a frame, by number."""
         return [i for i, drag in enumerate(self.drags) if drag.start <= frame < drag.stop]
+
+    def first(self, frames: int) -> Motion:
+        """Its first frames, or all where there are fewer."""
+        count = min(frames, self.frames)
+        return Motion(
+            self.name,
+            count,
+            tuple(drag for drag in self.drags if drag.start < count),
+            None if self.gravity is None else self.gravity[:count],
+            tuple(Support(support.vertices, support.maps[:count]) for support in self.supports),
+        )
+
+
+def check_pins_stand(motion: Motion) -> None:
+    """Refuse a motion that moves pins, for spaces u = U q in which they cannot.
+
+    Raises:
+        MotionError: naming it and what to do.
+    """
+    if motion.supports:
+        raise MotionError(
+            f"motion {motion.name} moves pins, which the linear and the latent space cannot do; keep it in a "
+            "configuration of its own and run that up to `ldsim snapshot`, in the full space (grabs, gravity and loads "
+            "work in all)"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +186,19 @@ class GrabTracker:
         self._motion = motion
         self._rest = rest
         self._movable = movable
+        self._pinned = np.flatnonzero(~movable)
         self._reach = 0.5 * float(np.linalg.norm(np.ptp(rest, axis=0)))
         self.held = dict(held or {})
+
+    def conditions(self, frame: int) -> Conditions:
+        """What the motion asks for in a frame besides its grabs."""
+        gravity = None if self._motion.gravity is None else self._motion.gravity[frame]
+        if not self._motion.supports:
+            return Conditions(gravity)
+        u = np.zeros_like(self._rest)
+        for support in self._motion.supports:
+            u[support.vertices] = support.displacement(frame, self._rest)
+        return Conditions(gravity, u[self._pinned])
 
     def needs_state(self, frame: int) -> bool:
         """Whether the deformed mesh is needed to settle a drag that starts in this frame."""

@@ -21,8 +21,9 @@ def random_pulls(
 ) -> Motion:
     """Pull one surface point after another: out along a smooth ramp, held, let go, left to swing.
 
-    Points are chosen farthest from those chosen before, the first at random, so that few pulls cover the surface;
-    directions are uniform on the sphere.
+    Points are chosen farthest from those chosen before, the first at random, so that few pulls cover the surface,
+    however unevenly its vertices lie. Directions are those of a Fibonacci lattice on the sphere, turned and shuffled at
+    random.
 
     Args:
         surface: movable vertices of the surface at rest, (v, 3) float64, metres.
@@ -31,8 +32,7 @@ def random_pulls(
     """
     generator = np.random.default_rng(seed)
     points = surface[_spread(surface, count, generator)]
-    directions = generator.normal(size=(count, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = spread_directions(count, generator)
     lengths = reach * generator.uniform(0.4, 1.0, size=count)
     ramp = np.minimum(np.arange(1, frames + 1) / (0.7 * frames), 1.0)
     ramp = ramp * ramp * (3 - 2 * ramp)
@@ -41,6 +41,21 @@ def random_pulls(
         for i, (point, direction, length) in enumerate(zip(points, directions, lengths, strict=True))
     ]
     return Motion(name, count * (frames + rest), tuple(drags))
+
+
+def spread_directions(count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    """Unit vectors, (count, 3), spread evenly over the sphere: a Fibonacci lattice, turned and shuffled at random.
+
+    Heights are the midpoints of equal bands, longitudes advance by the golden angle (Saff and Kuijlaars 1997,
+    "Distributing many points on a sphere").
+    """
+    i = np.arange(count)
+    height, around = 1 - (2 * i + 1) / count, np.pi * (3 - np.sqrt(5)) * i
+    width = np.sqrt(1 - height**2)
+    lattice = np.stack([width * np.cos(around), width * np.sin(around), height], axis=1)
+    turn, triangle = np.linalg.qr(generator.normal(size=(3, 3)))
+    turned: NDArray[np.float64] = lattice @ (turn * np.sign(np.diag(triangle))).T
+    return generator.permutation(turned)
 
 
 def _spread(points: NDArray[np.float64], count: int, generator: np.random.Generator) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,8 @@ from scipy.sparse import csr_array
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.mass import mass_matrix
-from ldsim.mechanics.materials import MATERIALS, lame_parameters
+from ldsim.mechanics.materials import lame_parameters
+from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.quadrature import Quadrature, quadrature
 from ldsim.mesh.mesh import Mesh, components
 
@@ -29,6 +30,7 @@ class Scene:
         pinned: true for vertices that do not move, (n,) bool.
         gravity: acceleration, (3,) float64, m/s².
         time_step: h, s.
+        load: dead load on each vertex besides its weight, (n, 3) float64, N; None where there is none.
 
     Raises:
         SceneError: on a modulus, density or time step that is not allowed, or a part without a pin.
@@ -42,6 +44,7 @@ class Scene:
     pinned: NDArray[np.bool_]
     gravity: NDArray[np.float64]
     time_step: float
+    load: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         for name, values in (("mu", self.mu), ("density", self.density)):
@@ -82,11 +85,20 @@ class Scene:
         return mass_matrix(self.mesh, self.points, self.density)
 
     @cached_property
+    def vertex_mass(self) -> NDArray[np.float64]:
+        """Row sums of the mass matrix, (n,) float64, kg; zero where pinned."""
+        mass: NDArray[np.float64] = np.where(self.pinned, 0.0, self.mass.sum(axis=1))
+        return mass
+
+    @cached_property
     def external_force(self) -> NDArray[np.float64]:
-        """Weight of each vertex, (n, 3) float64, N; zero where pinned."""
-        force = self.mass.sum(axis=1)[:, None] * self.gravity
-        force[self.pinned] = 0.0
-        return force
+        """Weight and load of each vertex under the scene's own gravity, (n, 3) float64, N; zero where pinned."""
+        return self.force(self.gravity)
+
+    def force(self, gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same under another gravity, (3,) m/s²."""
+        weight: NDArray[np.float64] = self.vertex_mass[:, None] * gravity
+        return weight if self.load is None else weight + np.where(self.pinned[:, None], 0.0, self.load)
 
     @cached_property
     def movable(self) -> NDArray[np.bool_]:
@@ -96,6 +108,20 @@ class Scene:
     def free(self) -> NDArray[np.int64]:
         """The vertices that move, (f,) int64."""
         return np.flatnonzero(~self.pinned)
+
+
+def make_scene(
+    mesh: Mesh,
+    pinned: NDArray[np.bool_],
+    properties: Properties,
+    gravity: tuple[float, float, float],
+    time_step: float,
+    load: NDArray[np.float64] | None = None,
+) -> Scene:
+    """A scene of given material properties; gravity in m/s², time step in s, load (n, 3) in N."""
+    mu, lam = lame_parameters(properties.youngs_modulus, properties.poisson_ratio)
+    g = np.array(gravity, dtype=np.float64)
+    return Scene(mesh, properties.kind, mu, lam, properties.density, pinned, g, time_step, load)
 
 
 def uniform_scene(
@@ -110,15 +136,18 @@ def uniform_scene(
     time_step: float = 0.005,
 ) -> Scene:
     """A scene of one material throughout; moduli in Pa, density in kg/m³, gravity in m/s², time step in s."""
-    mu, lam = lame_parameters(youngs_modulus, poisson_ratio)
-    m = mesh.n_cells
-    return Scene(
-        mesh,
-        np.full(m, MATERIALS[material], dtype=np.int8),
-        np.full(m, mu),
-        np.full(m, lam),
-        np.full(m, density),
-        pinned,
-        np.array(gravity, dtype=np.float64),
-        time_step,
-    )
+    properties = Properties.uniform(mesh.n_cells, material, youngs_modulus, poisson_ratio, density)
+    return make_scene(mesh, pinned, properties, gravity, time_step)
+
+
+def with_properties(scene: Scene, properties: Properties) -> Scene:
+    """The same scene of another material; its density stays, and with it the mass."""
+    mu, lam = lame_parameters(properties.youngs_modulus, properties.poisson_ratio)
+    return replace(scene, material=properties.kind, mu=mu, lam=lam)
+
+
+def properties_of(scene: Scene) -> Properties:
+    """The material properties of a scene: E = μ (3λ + 2μ) / (λ + μ), ν = λ / 2(λ + μ)."""
+    mu, lam = scene.mu, scene.lam
+    modulus, ratio = mu * (3 * lam + 2 * mu) / (lam + mu), lam / (2 * (lam + mu))
+    return Properties(scene.material, modulus, ratio, scene.density)

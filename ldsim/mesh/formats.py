@@ -6,18 +6,22 @@ import contextlib
 import io
 import math
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import meshio
 import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.errors import MeshError
-from ldsim.mesh.mesh import Mesh, without_unused_vertices
+from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
 
 CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
 MESHIO_TYPES = {ours: theirs for theirs, ours in CELL_TYPES.items()}
+# Numbers that formats mark their entities with, and what entities of each dimension are called.
+TAGS = ("gmsh:physical", "medit:ref")
+ENTITIES = ("points", "edges", "faces", "cells")
 COMMON_EXTENSIONS = ".mesh, .msh, .vtk, .vtu, .inp, .xdmf"
 
 
@@ -28,14 +32,19 @@ class MeshFile:
     Attributes:
         mesh: the volume mesh, vertices that no cell uses left out.
         dropped_vertices: how many those were.
+        cell_data: numbers the file gives to its cells, (m,) float64 each.
     """
 
     mesh: Mesh
     dropped_vertices: int
+    cell_data: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 def read_mesh(path: str | Path, scale: float = 1.0) -> MeshFile:
-    """Read the tetrahedra or hexahedra of a mesh file; cells of lower dimension in it are ignored.
+    """Read the tetrahedra or hexahedra of a mesh file; cells of lower dimension in it serve its groups alone.
+
+    Sets and physical groups keep their names. A part that has but a number is called after what it is of: cells_3,
+    faces_3, edges_3 or points_3; the number 0 marks no part.
 
     Args:
         path: the format follows from the extension.
@@ -52,11 +61,11 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> MeshFile:
     raw = _read_raw(path)
     kind, cells = _volume_cells(path, raw)
     try:
-        mesh = Mesh(np.asarray(raw.points, dtype=np.float64) * scale, cells, kind)
+        mesh = Mesh(np.asarray(raw.points, dtype=np.float64) * scale, cells, kind, _groups(raw))
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     used = without_unused_vertices(mesh)
-    return MeshFile(used, mesh.n_vertices - used.n_vertices)
+    return MeshFile(used, mesh.n_vertices - used.n_vertices, _cell_data(raw))
 
 
 def write_mesh(path: str | Path, mesh: Mesh) -> None:
@@ -126,3 +135,59 @@ def _volume_cells(path: Path, raw: meshio.Mesh) -> tuple[str, np.ndarray]:
         raise MeshError(f"{path} holds {found}; allowed volume cells are {', '.join(CELL_TYPES)} (linear ones)")
     cells = np.concatenate([block.data for block in raw.cells if block.type == volume[0] and len(block.data)])
     return CELL_TYPES[volume[0]], cells
+
+
+def _groups(raw: meshio.Mesh) -> dict[str, Group]:
+    """The named and the numbered parts of a file."""
+    parts: dict[str, list[Group]] = {}
+    first_cells = np.cumsum([0, *(len(block.data) if block.dim == 3 else 0 for block in raw.cells)])
+    for i, block in enumerate(raw.cells):
+        for name, members in _members(raw, i, block).items():
+            cells = first_cells[i] + members if block.dim == 3 else np.empty(0, dtype=np.int64)
+            parts.setdefault(name, []).append(Group(np.unique(block.data[members]), cells))
+    for name, vertices in _point_parts(raw).items():
+        parts.setdefault(name, []).append(Group(vertices, np.empty(0, dtype=np.int64)))
+    groups = {name.replace("/", "_"): _union(found) for name, found in sorted(parts.items())}
+    return {name: group for name, group in groups.items() if len(group.vertices)}
+
+
+def _members(raw: meshio.Mesh, i: int, block: meshio.CellBlock) -> dict[str, NDArray[np.int64]]:
+    """The entities of block `i` that belong to each part: sets by name, tags by name or number."""
+    sets = {name: indices[i] for name, indices in raw.cell_sets.items() if not name.startswith("gmsh:")}
+    members = {name: np.asarray(found, dtype=np.int64) for name, found in sets.items() if found is not None}
+    for key in TAGS:
+        tags = np.asarray(raw.cell_data[key][i]) if key in raw.cell_data else np.zeros(0)
+        for tag in np.unique(tags[tags != 0]):
+            name = _tag_name(raw, block.dim, int(tag)) if key == TAGS[0] else f"{ENTITIES[block.dim]}_{int(tag)}"
+            members.setdefault(name, np.flatnonzero(tags == tag))
+    return {name: found for name, found in members.items() if len(found)}
+
+
+def _tag_name(raw: meshio.Mesh, dim: int, tag: int) -> str:
+    """The name that a Gmsh file gives to a physical group, or one made of its number."""
+    names = [name for name, value in raw.field_data.items() if list(value) == [tag, dim]]
+    return names[0] if names else f"{ENTITIES[dim]}_{tag}"
+
+
+def _point_parts(raw: meshio.Mesh) -> dict[str, NDArray[np.int64]]:
+    """The vertices of each set of points, and of each number that points are marked with."""
+    parts = {name: np.unique(np.asarray(found, dtype=np.int64)) for name, found in raw.point_sets.items()}
+    tags = np.asarray(raw.point_data.get("medit:ref", np.zeros(0)))
+    return parts | {f"points_{int(tag)}": np.flatnonzero(tags == tag) for tag in np.unique(tags[tags != 0])}
+
+
+def _union(parts: list[Group]) -> Group:
+    vertices = np.unique(np.concatenate([part.vertices for part in parts]))
+    cells = np.unique(np.concatenate([part.cells for part in parts]))
+    return Group(vertices.astype(np.int64), cells.astype(np.int64))
+
+
+def _cell_data(raw: meshio.Mesh) -> dict[str, NDArray[np.float64]]:
+    """The scalars of the volume cells, by name, in the order of the mesh's cells."""
+    volume = [i for i, block in enumerate(raw.cells) if block.dim == 3 and len(block.data)]
+    columns = {name: [np.asarray(data[i]) for i in volume] for name, data in raw.cell_data.items()}
+    return {
+        name: np.concatenate(parts).astype(np.float64)
+        for name, parts in columns.items()
+        if all(part.ndim == 1 and part.dtype.kind in "fiu" for part in parts)
+    }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,19 @@ CORNER_FRAMES = {
 
 
 @dataclass(frozen=True, eq=False)
+class Group:
+    """A named part of a mesh, as its file defines it.
+
+    Attributes:
+        vertices: all vertices of the part, (v,) int64, ascending.
+        cells: the cells of the part, (c,) int64, ascending; none where the part is of faces, edges or points.
+    """
+
+    vertices: NDArray[np.int64]
+    cells: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A volume mesh of one cell type.
 
@@ -39,6 +53,7 @@ class Mesh:
         vertices: rest positions, (n, 3) float64, metres.
         cells: vertex indices, (m, 4) for tet4 or (m, 8) for hex8, int32, in VTK's order.
         cell_type: "tet4" or "hex8".
+        groups: named parts of it.
 
     Raises:
         MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
@@ -47,6 +62,7 @@ class Mesh:
     vertices: NDArray[np.float64]
     cells: NDArray[np.int32]
     cell_type: str
+    groups: Mapping[str, Group] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.cell_type not in NODES_PER_CELL:
@@ -125,7 +141,7 @@ def reoriented(mesh: Mesh) -> Mesh:
     cells = mesh.cells.copy()
     mirror = [0, 2, 1, 3] if mesh.cell_type == "tet4" else [4, 5, 6, 7, 0, 1, 2, 3]
     cells[left] = cells[left][:, mirror]
-    return Mesh(mesh.vertices, cells, mesh.cell_type)
+    return replace(mesh, cells=cells)
 
 
 def without_unused_vertices(mesh: Mesh) -> Mesh:
@@ -133,7 +149,12 @@ def without_unused_vertices(mesh: Mesh) -> Mesh:
     used = np.zeros(mesh.n_vertices, dtype=bool)
     used[mesh.cells] = True
     renumbered = np.cumsum(used) - 1
-    return Mesh(mesh.vertices[used], renumbered[mesh.cells].astype(np.int32), mesh.cell_type)
+    groups = {
+        name: Group(renumbered[group.vertices[used[group.vertices]]], group.cells)
+        for name, group in mesh.groups.items()
+        if used[group.vertices].any()
+    }
+    return Mesh(mesh.vertices[used], renumbered[mesh.cells].astype(np.int32), mesh.cell_type, groups)
 
 
 def components(mesh: Mesh) -> NDArray[np.int32]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.errors import MeshError
-from ldsim.mesh.mesh import Mesh
+from ldsim.mesh.mesh import Group, Mesh
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Children as numbers of the four corners (0–3) and of the edges' midpoints (4–9, in the order of EDGES).
@@ -41,4 +42,15 @@ def refined(mesh: Mesh) -> Mesh:
     shortest = np.linalg.norm(diagonals, axis=2).argmin(axis=1)
     corner = points[:, CORNER_CHILDREN]
     inner = np.take_along_axis(points, INNER_CHILDREN[shortest].reshape(-1, 16), axis=1).reshape(-1, 4, 4)
-    return Mesh(vertices, np.concatenate([corner, inner], axis=1).reshape(-1, 4), "tet4")
+    ends_of = np.stack([first, second])
+    groups = {name: _refined_group(group, mesh.n_vertices, ends_of) for name, group in mesh.groups.items()}
+    return Mesh(vertices, np.concatenate([corner, inner], axis=1).reshape(-1, 4), "tet4", groups)
+
+
+def _refined_group(group: Group, n_vertices: int, ends: NDArray[np.int64]) -> Group:
+    """The group with the children of its cells; `ends` (2, e) are the vertices that each midpoint lies between."""
+    inside = np.zeros(n_vertices, dtype=bool)
+    inside[group.vertices] = True
+    midpoints = n_vertices + np.flatnonzero(inside[ends].all(axis=0))
+    children = (8 * group.cells[:, None] + np.arange(8)).ravel()
+    return Group(np.concatenate([group.vertices, midpoints]), children)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +26,9 @@ from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Checkpoint, MotionStore, Snapshots, write_snapshots
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.mechanics.motion import Drag, Motion
+from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.cubature.fit import CubatureSet
 from ldsim.reduction.decoder import Decoder
@@ -55,8 +56,11 @@ def counts(n: int) -> NDArray[np.int64]:
 
 
 def scene() -> Scene:
-    mesh = beam(resolution=1)
-    return uniform_scene(mesh, mesh.vertices[:, 0] == 0, youngs_modulus=1e5, poisson_ratio=0.4)
+    plain = beam(resolution=1)
+    end, none = np.flatnonzero(plain.vertices[:, 0] == 0), np.empty(0, dtype=np.int64)
+    mesh = replace(plain, groups={"left end": Group(end, none), "rim": Group(end, np.array([0, 2]))})
+    body = uniform_scene(mesh, mesh.vertices[:, 0] == 0, youngs_modulus=1e5, poisson_ratio=0.4)
+    return replace(body, load=numbers(mesh.n_vertices, 3))
 
 
 def basis() -> StoredBasis:
@@ -94,7 +98,7 @@ MOTIONS = (
     Motion(
         "b", 3, (Drag(0, numbers(3), numbers(2, 3), 0.1, 30.0), Drag(2, numbers(3), numbers(1, 3), 0.2, 40.0, True))
     ),
-    Motion("a", 2, ()),
+    Motion("a", 2, (), numbers(2, 3), (Support(counts(3), numbers(2, 3, 4)), Support(counts(2), numbers(2, 3, 4) + 1))),
 )
 FRAMES = {motion.name: numbers(motion.frames, 4, 3).astype(np.float32) for motion in MOTIONS}
 HELD = {0: np.array([1, 3]), 1: np.array([2])}

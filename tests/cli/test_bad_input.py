@@ -159,6 +159,12 @@ def mesh_file(name: str, content: str | None) -> Callable[[Experiment], None]:
     return spoil
 
 
+def add(experiment: Experiment, section: str, line: str) -> None:
+    """Add a line to a section of the configuration as it is."""
+    text = experiment.config.read_text(encoding="utf-8")
+    experiment.config.write_text(text.replace(f"{section}:\n", f"{section}:\n  {line}\n", 1), encoding="utf-8")
+
+
 GOOD = TETS.format(apex="0 0 -1", cell="1 3 2 5")
 MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "missing": (mesh_file("no.mesh", None), "no.mesh does not exist"),
@@ -176,6 +182,29 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "pins that hold nothing": (
         change("mesh.pins", [{"ball": {"centre": [9, 9, 9], "radius": 0.1}}]),
         "pins no vertex",
+    ),
+    "pins of an unknown group": (
+        change("mesh.pins", [{"group": "feet"}]),
+        "no group 'feet'; known are none: its file defines no groups",
+    ),
+    "pins of an unknown vertex": (change("mesh.pins", [{"vertices": [1, 99999]}]), "vertex 99999 of a list does not"),
+    "an empty set of pins": (change("mesh.pins", []), "mesh.pins: tuple should have at least 1 item"),
+    "a negative modulus": (change("mesh.material.youngs_modulus", -1.0), "should be greater than 0, got -1.0"),
+    "an incompressible solid": (change("mesh.material.poisson_ratio", 0.5), "should be less than 0.5, got 0.5"),
+    "a region without cells": (
+        change("mesh.regions", [{"where": {"ball": {"centre": [9, 9, 9], "radius": 0.1}}, "density": 1}]),
+        "changes no cell; the solid spans",
+    ),
+    "cell data that is not there": (
+        lambda experiment: (
+            mesh_file("a.mesh", GOOD)(experiment),
+            add(experiment, "mesh", "cell_data: {density: rho}"),
+        ),
+        "gives no number 'rho' to its cells; known are medit:ref",
+    ),
+    "a load on no surface": (
+        change("mesh.loads", [{"where": {"ball": {"centre": [9, 9, 9], "radius": 0.1}}, "pressure": 1}]),
+        "holds no face of the surface",
     ),
     "pins that hold all": (change("mesh.pins", [{"slab": {"axis": "x", "thickness": 9}}]), "at least one must be free"),
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from ldsim.dynamics.potential import IncrementalPotential
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.reduced_potential import value_gradient
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.motion import Conditions, Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.decoder import Decoder
@@ -84,6 +86,21 @@ def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None
     for step in reduced:
         state, _ = full.step(state, pull(body))
         np.testing.assert_allclose((U @ step.q).reshape(-1, 3), state.u, atol=1e-8)
+
+
+def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
+    load = np.zeros_like(TET.mesh.vertices)
+    load[np.argmax(TET.mesh.vertices[:, 0])] = [0.3, 0.2, -0.1]
+    body = replace(TET, load=load)
+    U = full_basis(body)
+    linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9)
+    state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
+    full = FullStepper(body, tolerance=1e-9)
+    for gravity in (np.array([3.0, -9.0, 1.0]), np.array([0.0, 12.0, -5.0]), None, np.zeros(3)):
+        state, _ = linear.step(state, [], gravity)
+        whole, _ = full.step(whole, [], Conditions(gravity))
+        np.testing.assert_allclose(linear.displacement(state), whole.u, atol=1e-8)
+    assert np.abs(whole.u).max() > 1e-3
 
 
 def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> None:

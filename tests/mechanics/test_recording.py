@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.pulls import random_pulls, spread_directions
 from ldsim.mechanics.recording import read_recording
 
 HEADER = "# spring_stiffness_n_per_m: 30\n# grab_radius_m: 0.03\n"
@@ -94,3 +94,25 @@ def test_pulls_spread_over_the_surface() -> None:
 def test_more_pulls_than_surface_vertices_use_some_twice() -> None:
     motion = random_pulls("p", SURFACE[:2], seed=1, **PULLS)
     assert len(motion.drags) == 6
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 40])
+def test_directions_of_pulls_are_spread_over_the_sphere(count: int) -> None:
+    directions = spread_directions(count, np.random.default_rng(1))
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
+    if count < 7:
+        return
+    # no point of the sphere is farther from a direction than the caps of a perfect cover would allow twice over
+    anywhere = np.random.default_rng(0).normal(size=(2000, 3))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    gap = np.arccos(np.clip(anywhere @ directions.T, -1, 1)).min(axis=1).max()
+    assert gap < 2 * np.arccos(1 - 2 / count)
+    assert np.linalg.norm(directions.sum(axis=0)) < 0.5, "pulls one way and the other balance"
+
+
+def test_pulls_cover_a_surface_evenly_however_unevenly_its_vertices_lie() -> None:
+    rng = np.random.default_rng(5)
+    crowded = np.concatenate([rng.uniform(0, 0.1, (2000, 3)), rng.uniform(0, 1, (200, 3))]) * [1, 1, 0]
+    points = np.array([drag.point for drag in random_pulls("p", crowded, seed=2, **PULLS | {"count": 30}).drags])
+    in_the_crowd = (points[:, :2] < 0.1).all(axis=1).mean()
+    assert in_the_crowd < 0.1, "a hundredth of the area holds nine tenths of the vertices"

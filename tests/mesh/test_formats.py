@@ -129,3 +129,71 @@ def test_an_extension_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         write_mesh(tmp_path / "mesh.docx", beam(resolution=1))
     with pytest.raises(MeshError, match="cannot be written"):
         write_mesh(tmp_path / "nowhere" / "mesh.vtk", beam(resolution=1))
+
+
+# Two tets on a common face; a face of the first and the edges of another serve as parts of lower dimension.
+PAIR = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [9, 9, 9]])
+BLOCKS = [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]])), ("triangle", np.array([[0, 1, 2], [0, 1, 3]]))]
+
+
+def gmsh(folder: Path) -> Path:
+    """Named groups beside a face without one, and a number without a name, as in Gmsh's format 2.2."""
+    tags = [np.array([7, 8]), np.array([3, 0])]
+    names = {"inner": np.array([7, 3]), "foot": np.array([3, 2])}
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    path = folder / "a.msh"
+    meshio.Mesh(PAIR, BLOCKS, cell_data=data, field_data=names).write(path, file_format="gmsh22", binary=False)
+    return path
+
+
+def medit_with_numbers(folder: Path) -> Path:
+    data = {"medit:ref": [np.array([0, 5]), np.array([2, 2])]}
+    points = {"medit:ref": np.array([0, 0, 4, 4, 0, 4])}
+    meshio.Mesh(PAIR, BLOCKS, cell_data=data, point_data=points).write(folder / "a.mesh")
+    return folder / "a.mesh"
+
+
+def abaqus(folder: Path) -> Path:
+    sets = {"right": [np.array([1]), np.array([], dtype=int)]}
+    mesh = meshio.Mesh(PAIR, BLOCKS, point_sets={"held": np.array([3, 1])}, cell_sets=sets)
+    mesh.write(folder / "a.inp")
+    return folder / "a.inp"
+
+
+Parts = dict[str, tuple[list[int], list[int]]]
+GROUPED: dict[str, tuple[Callable[[Path], Path], Parts]] = {
+    "gmsh": (gmsh, {"inner": ([0, 1, 2, 3], [0]), "cells_8": ([1, 2, 3, 4], [1]), "foot": ([0, 1, 2], [])}),
+    "medit": (
+        medit_with_numbers,
+        {"cells_5": ([1, 2, 3, 4], [1]), "faces_2": ([0, 1, 2, 3], []), "points_4": ([2, 3], [])},
+    ),
+    "abaqus": (abaqus, {"right": ([1, 2, 3, 4], [1]), "held": ([1, 3], [])}),
+}
+
+
+@pytest.mark.parametrize(("make", "expected"), GROUPED.values(), ids=GROUPED)
+def test_parts_of_a_file_become_groups_of_the_vertices_and_cells_that_are_used(
+    make: Callable[[Path], Path], expected: Parts, tmp_path: Path
+) -> None:
+    read = read_mesh(make(tmp_path))
+    assert read.dropped_vertices == 1
+    found = {name: (group.vertices.tolist(), group.cells.tolist()) for name, group in read.mesh.groups.items()}
+    assert found == expected
+
+
+def test_groups_follow_their_vertices_when_unused_ones_are_dropped(tmp_path: Path) -> None:
+    points = np.vstack([[[9.0, 9, 9]], PAIR[:5]])
+    blocks = [("tetra", BLOCKS[0][1] + 1)]
+    data = {"gmsh:physical": [np.array([1, 2])], "gmsh:geometrical": [np.array([1, 2])]}
+    meshio.Mesh(points, blocks, cell_data=data).write(tmp_path / "a.msh", file_format="gmsh22", binary=False)
+    mesh = read_mesh(tmp_path / "a.msh").mesh
+    assert mesh.groups["cells_2"].vertices.tolist() == [1, 2, 3, 4]
+
+
+def test_numbers_of_cells_are_read_in_the_order_of_the_cells(tmp_path: Path) -> None:
+    blocks = [("tetra", BLOCKS[0][1][:1]), BLOCKS[1], ("tetra", BLOCKS[0][1][1:])]
+    data = {"E": [np.array([1.0]), np.array([8.0, 9.0]), np.array([2.0])]}
+    meshio.Mesh(PAIR, blocks, cell_data=data).write(tmp_path / "a.vtu")
+    read = read_mesh(tmp_path / "a.vtu")
+    assert read.cell_data["E"].tolist() == [1, 2]
+    np.testing.assert_array_equal(read.mesh.cells, BLOCKS[0][1])

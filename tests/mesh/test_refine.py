@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MeshError
-from ldsim.mesh.mesh import Mesh, check_cells, corner_volumes
+from ldsim.mesh.mesh import Group, Mesh, check_cells, corner_volumes
 from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import beam, cross
 from ldsim.mesh.surface import CELL_FACES, surface_triangles
@@ -63,3 +63,15 @@ def test_refinement_conforms_and_keeps_volume_and_outline(mesh: Mesh) -> None:
 def test_hexes_are_refused() -> None:
     with pytest.raises(MeshError, match="cells are hex8; only tet4"):
         refined(beam(cell_type="hex8"))
+
+
+def test_a_group_keeps_its_place_when_the_mesh_is_refined() -> None:
+    coarse = beam(0.4, 0.1, 0.1, resolution=1)
+    end = np.flatnonzero(coarse.vertices[:, 0] == 0)
+    left = np.flatnonzero(coarse.vertices[coarse.cells].mean(axis=1)[:, 0] < 0.2)
+    groups = {"end": Group(end, left[:0]), "left": Group(np.unique(coarse.cells[left]), left)}
+    fine = refined(Mesh(coarse.vertices, coarse.cells, "tet4", groups))
+    assert set(fine.groups["end"].vertices) == set(np.flatnonzero(fine.vertices[:, 0] == 0))
+    half = np.flatnonzero(fine.vertices[fine.cells].mean(axis=1)[:, 0] < 0.2)
+    np.testing.assert_array_equal(fine.groups["left"].cells, half)
+    np.testing.assert_array_equal(fine.groups["left"].vertices, np.unique(fine.cells[half]))

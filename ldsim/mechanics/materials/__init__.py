@@ -8,7 +8,11 @@ branches below, and is tested by being listed.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from ldsim.mechanics.materials import fixed_corotated, linear, neo_hookean, st_venant_kirchhoff, stable_neo_hookean
 from ldsim.mechanics.materials.tensors import (
@@ -18,6 +22,8 @@ from ldsim.mechanics.materials.tensors import (
     clamped_symmetric,
     signed_svd,
 )
+
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 MATERIALS = {"neo_hookean": 0, "stable_neo_hookean": 1, "st_venant_kirchhoff": 2, "fixed_corotated": 3, "linear": 4}
 LINEAR = MATERIALS["linear"]
@@ -116,8 +122,8 @@ def tangent(kind: int, F: Matrix, mu: float, lam: float, clamp: bool) -> tuple[M
     return U, V, stretch, (a01, a02, a12, b01, b02, b12)
 
 
-def lame_parameters(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
-    """μ = E / 2(1 + ν) and λ = E ν / (1 + ν)(1 − 2ν), Pa."""
+def lame_parameters(youngs_modulus: Number, poisson_ratio: Number) -> tuple[Number, Number]:
+    """μ = E / 2(1 + ν) and λ = E ν / (1 + ν)(1 − 2ν), Pa; of one material, or of each entry of two arrays."""
     mu = youngs_modulus / (2 * (1 + poisson_ratio))
     lam = youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     return mu, lam

@@ -1,0 +1,84 @@
+"""Material properties of each cell: for the whole solid, changed in regions, or read cell by cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import SceneError
+from ldsim.mechanics.materials import MATERIALS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What is different: what is None stays, and `youngs_factor` multiplies Young's modulus as it then is."""
+
+    model: str | None = None
+    youngs_modulus: float | Array | None = None
+    poisson_ratio: float | Array | None = None
+    density: float | Array | None = None
+    youngs_factor: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Properties:
+    """The material of each cell.
+
+    Attributes:
+        kind: number of its model, (m,) int8 (`mechanics.materials.MATERIALS`).
+        youngs_modulus: (m,) float64, Pa.
+        poisson_ratio: (m,) float64.
+        density: (m,) float64, kg/m³.
+
+    Raises:
+        SceneError: a number that is not allowed, with its cell.
+    """
+
+    kind: NDArray[np.int8]
+    youngs_modulus: Array
+    poisson_ratio: Array
+    density: Array
+
+    def __post_init__(self) -> None:
+        ratio = self.poisson_ratio
+        _check("Young's modulus", self.youngs_modulus, self.youngs_modulus > 0, "positive, Pa")
+        _check("Poisson's ratio", ratio, (ratio > -1) & (ratio < 0.5), "more than -1 and less than 0.5")
+        _check("density", self.density, self.density > 0, "positive, kg/m³")
+
+    @classmethod
+    def uniform(
+        cls, n_cells: int, model: str, youngs_modulus: float, poisson_ratio: float, density: float
+    ) -> Properties:
+        """One material throughout; Pa, kg/m³."""
+        return cls(
+            np.full(n_cells, MATERIALS[model], dtype=np.int8),
+            np.full(n_cells, youngs_modulus, dtype=np.float64),
+            np.full(n_cells, poisson_ratio, dtype=np.float64),
+            np.full(n_cells, density, dtype=np.float64),
+        )
+
+    def changed(self, change: Change, cells: NDArray[np.bool_] | None = None) -> Properties:
+        """With a change in some cells, (m,) bool, or in all; arrays of a change are of all cells, (m,)."""
+        where = np.ones(len(self.kind), dtype=bool) if cells is None else cells
+        kind = self.kind if change.model is None else np.where(where, np.int8(MATERIALS[change.model]), self.kind)
+
+        def pick(new: float | Array | None, old: Array) -> Array:
+            return old if new is None else np.where(where, new, old)
+
+        modulus = pick(change.youngs_modulus, self.youngs_modulus)
+        return Properties(
+            kind.astype(np.int8),
+            np.where(where, change.youngs_factor * modulus, modulus),
+            pick(change.poisson_ratio, self.poisson_ratio),
+            pick(change.density, self.density),
+        )
+
+
+def _check(name: str, values: Array, allowed: NDArray[np.bool_], words: str) -> None:
+    wrong = np.flatnonzero(~(allowed & np.isfinite(values)))
+    if len(wrong):
+        raise SceneError(f"{name} of cell {wrong[0]} is {values[wrong[0]]:g}; it must be {words}")

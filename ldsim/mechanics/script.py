@@ -1,0 +1,155 @@
+"""Scripted motions: keyframes in time become grabs, moving pins and gravity, frame by frame.
+
+Frame i is the state at time (i + 1) h. Between keyframes a value goes straight or, eased, along the cubic 3s² − 2s³,
+which starts and stops without a jerk; before the first and after the last it stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, Support
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Values along keyframes.
+
+    Attributes:
+        times: of the keyframes, (p,) float64 with p ≥ 2, rising, s.
+        values: (p, d) float64.
+        eased: whether each stretch starts and ends at rest.
+
+    Raises:
+        MotionError: fewer than two keyframes, a time before 0, or times that do not rise.
+    """
+
+    times: Array
+    values: Array
+    eased: bool
+
+    def __post_init__(self) -> None:
+        if len(self.times) < 2:
+            raise MotionError(f"a path needs at least two keyframes, got {len(self.times)}")
+        if self.times[0] < 0 or (np.diff(self.times) <= 0).any():
+            raise MotionError(f"the times of keyframes must rise from 0 s on, got {self.times.tolist()}")
+
+    @classmethod
+    def of(cls, keyframes: Sequence[tuple[float, ArrayLike]], eased: bool) -> Path:
+        """From pairs of a time, s, and a value, (d,)."""
+        times = np.array([time for time, _ in keyframes], dtype=np.float64)
+        return cls(times, np.array([value for _, value in keyframes], dtype=np.float64), eased)
+
+    def at(self, times: Array) -> Array:
+        """The values at given times, (t, d)."""
+        i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        share = np.clip((times - self.times[i]) / (self.times[i + 1] - self.times[i]), 0, 1)
+        if self.eased:
+            share = share * share * (3 - 2 * share)
+        values: Array = self.values[i] + share[:, None] * (self.values[i + 1] - self.values[i])
+        return values
+
+    @property
+    def end(self) -> float:
+        """Time of the last keyframe, s."""
+        return float(self.times[-1])
+
+
+def frame_times(frames: int, time_step: float) -> Array:
+    """(i + 1) h of each frame, s."""
+    times: Array = time_step * np.arange(1, frames + 1, dtype=np.float64)
+    return times
+
+
+def frames_until(time: float, time_step: float) -> int:
+    """The frames that end at or before a time, at least one; a time within rounding of a frame counts."""
+    return max(int(np.floor(time / time_step + 1e-6)), 1)
+
+
+def grab_along(
+    path: Path, point: ArrayLike, radius: float, stiffness: float, at_rest: bool, time_step: float
+) -> Drag | None:
+    """A drag whose target follows a path, (d = 3) metres, from the first keyframe to the last; None if no frame is.
+
+    Args:
+        point: where it takes hold, (3,) metres, on the rest shape or the deformed one.
+    """
+    start = int(np.ceil(path.times[0] / time_step - 1e-6)) - 1
+    stop = frames_until(path.end, time_step)
+    start = max(start, 0)
+    if start >= stop:
+        return None
+    targets = path.at(frame_times(stop, time_step)[start:])
+    return Drag(start, np.array(point, dtype=np.float64), targets, radius, stiffness, at_rest)
+
+
+def support_along(path: Path, vertices: NDArray[np.int64], centre: ArrayLike, axis: ArrayLike, times: Array) -> Support:
+    """Pins that follow a path of translation and turn, x = R(axis, angle) (X − centre) + centre + translation.
+
+    Args:
+        path: d = 4: translation, m, and angle, radians; it must start at rest, with all four zero.
+        vertices: which pins, (v,).
+        centre: a point on the axis, (3,) metres.
+        axis: direction, (3,); of any length but zero.
+        times: of the frames, s.
+
+    Raises:
+        MotionError: the axis has no direction, or the path does not start at rest.
+    """
+    direction, middle = np.asarray(axis, dtype=np.float64), np.asarray(centre, dtype=np.float64)
+    length = np.linalg.norm(direction)
+    if not length > 0:
+        raise MotionError(f"the axis of a turn is {direction.tolist()}; it must have a direction")
+    if path.values[0].any():
+        raise MotionError(
+            f"a path of pins must start at rest: the keyframe at {path.times[0]:g} s has translation "
+            f"{path.values[0, :3].tolist()} and angle {np.degrees(path.values[0, 3]):g}, allowed is 0 for both"
+        )
+    values = path.at(times)
+    rotation = rotations(direction / length, values[:, 3])
+    offset = middle - rotation @ middle + values[:, :3]
+    return Support(np.asarray(vertices, dtype=np.int64), np.concatenate([rotation, offset[:, :, None]], axis=2))
+
+
+def rotations(axis: Array, angles: Array) -> Array:
+    """Rotations about a unit axis, (t, 3, 3), by Rodrigues' formula R = I + sin a K + (1 − cos a) K²."""
+    x, y, z = axis
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    R: Array = np.eye(3) + s * K + (1 - c) * (K @ K)
+    return R
+
+
+def gravity_sweep(start: ArrayLike, frames: int, turns: int) -> Array:
+    """Gravity that points in every direction in turn, (frames, 3), m/s², of constant size.
+
+    Its tip winds from `start` to the opposite on a spherical spiral of equal areas: the height falls evenly, so every
+    direction is as near as another.
+
+    Args:
+        start: the first direction and the size, (3,) m/s².
+        turns: of the spiral.
+
+    Raises:
+        MotionError: the size is zero.
+    """
+    g = np.asarray(start, dtype=np.float64)
+    size = float(np.linalg.norm(g))
+    if not size > 0:
+        raise MotionError("a gravity sweep of size 0 m/s² moves nothing; give gravity_sweep.size")
+    pole = g / size
+    side = np.cross(pole, np.eye(3)[np.abs(pole).argmin()])
+    side /= np.linalg.norm(side)
+    share = np.arange(1, frames + 1) / frames
+    height, around = 1 - 2 * share, 2 * np.pi * turns * share
+    width = np.sqrt(np.maximum(1 - height**2, 0))
+    across = np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.cross(pole, side)
+    swept: Array = size * (height[:, None] * pole + width[:, None] * across)
+    return swept

@@ -1,0 +1,64 @@
+"""Dead loads: resultants and moments of uniform loads, and the balance of pressure on a closed surface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldsim.errors import SceneError
+from ldsim.mechanics.loads import body_force, pressure_force, surface_force
+from ldsim.mechanics.quadrature import quadrature
+from ldsim.mechanics.regions import Ball, Box, Slab
+from ldsim.mesh.shapes import beam, cross
+
+CELL_TYPES = pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
+ALL = Ball((0, 0, 0), 9)
+
+
+@CELL_TYPES
+def test_a_body_force_is_mass_times_acceleration_in_its_region(cell_type: str) -> None:
+    mesh = beam(0.4, 0.1, 0.1, 2, cell_type)
+    density = np.where(mesh.vertices[mesh.cells].mean(axis=1)[:, 0] < 0.2, 500.0, 2000.0)
+    b = np.array([1.0, -2.0, 3.0])
+    force = body_force(mesh, quadrature(mesh), density, Box((0.1, -1, -1), (0.3, 1, 1)), b)
+    mass = (500.0 + 2000.0) * 0.1 * 0.1 * 0.1
+    np.testing.assert_allclose(force.sum(axis=0), mass * b, rtol=1e-12)
+    assert not force[(mesh.vertices[:, 0] < 0.1 - 1e-9) | (mesh.vertices[:, 0] > 0.3 + 1e-9)].any()
+
+
+@CELL_TYPES
+def test_a_traction_sums_to_itself_times_the_area_and_acts_at_the_middle_of_the_face(cell_type: str) -> None:
+    mesh = beam(0.4, 0.2, 0.1, 2, cell_type)
+    t = np.array([10.0, -20.0, 5.0])
+    force = surface_force(mesh, Slab("x", at_max=True, thickness=1e-6), t)
+    np.testing.assert_allclose(force.sum(axis=0), 0.02 * t, rtol=1e-12)
+    moment = np.cross(mesh.vertices, force).sum(axis=0)
+    np.testing.assert_allclose(moment, np.cross([0.4, 0, 0], 0.02 * t), atol=1e-12)
+    assert not force[mesh.vertices[:, 0] < 0.4 - 1e-9].any()
+
+
+@CELL_TYPES
+def test_pressure_pushes_inwards(cell_type: str) -> None:
+    mesh = beam(0.4, 0.2, 0.1, 1, cell_type)
+    force = pressure_force(mesh, Slab("y", at_max=True, thickness=1e-6), 50.0)
+    np.testing.assert_allclose(force.sum(axis=0), [0, -50 * 0.4 * 0.2, 0], atol=1e-12)
+
+
+@CELL_TYPES
+def test_pressure_all_around_has_no_resultant_and_no_moment_and_the_volume_as_its_virial(cell_type: str) -> None:
+    # divergence theorem: ∮ p n dA = 0, ∮ x × p n dA = 0, ∮ x · n dA = 3 V; the X has curved, skew faces
+    mesh = cross(resolution=2, cell_type=cell_type)
+    force = pressure_force(mesh, ALL, 100.0)
+    size = np.abs(force).sum()
+    np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-12 * size)
+    np.testing.assert_allclose(np.cross(mesh.vertices, force).sum(axis=0), 0, atol=1e-12 * size)
+    volume = quadrature(mesh).weights.sum()
+    assert -np.vdot(mesh.vertices, force) == pytest.approx(100 * 3 * volume, rel=1e-9)
+
+
+def test_a_load_on_no_face_is_refused() -> None:
+    with pytest.raises(SceneError, match="holds no face of the surface"):
+        surface_force(beam(resolution=1), Ball((0, 0, 0), 1e-3), (1, 0, 0))
+    with pytest.raises(SceneError, match="loads no cell"):
+        mesh = beam(resolution=1)
+        body_force(mesh, quadrature(mesh), np.ones(mesh.n_cells), Ball((9, 0, 0), 1e-3), (1, 0, 0))

@@ -1,0 +1,65 @@
+"""Regions hold what they say and nothing else, and pins refuse what is no support."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldsim.errors import SceneError
+from ldsim.mechanics.pins import pinned_vertices
+from ldsim.mechanics.regions import Ball, Box, NamedGroup, Region, Slab, VertexList, cells_in
+from ldsim.mesh.mesh import Group, Mesh
+from ldsim.mesh.shapes import voxel_mesh
+
+# A row of ten cubes of edge 0.1 along x: vertices at x = 0, 0.1, … 1, four each; cell i is centred at 0.05 + i/10.
+ROW = voxel_mesh(np.ones((10, 1, 1), dtype=bool), 0.1, "hex8")
+ENDS = np.flatnonzero((ROW.vertices[:, 0] < 0.01) | (ROW.vertices[:, 0] > 0.99))
+GROUPED = Mesh(ROW.vertices, ROW.cells, "hex8", {"ends": Group(ENDS, np.array([0, 9])), "faces": Group(ENDS, ENDS[:0])})
+
+REGIONS: dict[str, tuple[Region, list[int], list[int]]] = {
+    "slab at the smallest": (Slab("x", at_max=False, thickness=0.15), [0, 1], [0, 1]),
+    "slab at the largest": (Slab("x", at_max=True, thickness=0.14), [9, 10], [9]),
+    "ball": (Ball((0.5, 0.05, 0.05), 0.13), [4, 5, 6], [4, 5]),
+    "box": (Box((0.19, 0, 0), (0.41, 0.1, 0.1)), [2, 3, 4], [2, 3]),
+    "list": (VertexList(tuple(np.flatnonzero(ROW.vertices[:, 0] < 0.11).tolist())), [0, 1], [0]),
+    "group": (NamedGroup("ends"), [0, 10], [0, 9]),
+}
+
+
+@pytest.mark.parametrize(("region", "vertices", "cells"), REGIONS.values(), ids=REGIONS)
+def test_a_region_holds_its_vertices_and_cells(region: Region, vertices: list[int], cells: list[int]) -> None:
+    held = region.vertices(GROUPED)
+    assert np.unique(np.rint(10 * GROUPED.vertices[held, 0])).tolist() == vertices
+    assert held.sum() == 4 * len(vertices)
+    centroids = GROUPED.vertices[GROUPED.cells[region.cells(GROUPED)]].mean(axis=1)
+    assert sorted(np.floor(10 * centroids[:, 0]).tolist()) == cells
+
+
+def test_pins_add_up() -> None:
+    both = pinned_vertices(GROUPED, [Slab("x", False, 0.05), VertexList((5,)), NamedGroup("ends")])
+    assert np.flatnonzero(both).tolist() == sorted({5, *ENDS.tolist()})
+
+
+BAD_PINS: dict[str, tuple[Region, str]] = {
+    "far ball": (Ball((5, 0, 0), 0.1), "pins no vertex; the solid spans"),
+    "empty box": (Box((0.31, 0, 0), (0.39, 1, 1)), "pins no vertex; the solid spans"),
+    "everything": (Slab("y", False, 1.0), "hold all 44 vertices"),
+    "unknown vertex": (VertexList((3, 44)), "vertex 44 of a list does not exist; the mesh has 0 … 43"),
+    "unknown group": (NamedGroup("end"), "no group 'end'; known are ends, faces"),
+}
+
+
+@pytest.mark.parametrize(("region", "message"), BAD_PINS.values(), ids=BAD_PINS)
+def test_pins_that_are_no_support_are_refused(region: Region, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        pinned_vertices(GROUPED, [region])
+
+
+def test_a_group_of_a_mesh_without_groups_says_that_there_are_none() -> None:
+    with pytest.raises(SceneError, match="no group 'end'; known are none: its file defines no groups"):
+        pinned_vertices(ROW, [NamedGroup("end")])
+
+
+def test_cells_of_a_group_of_faces_are_none_and_refused() -> None:
+    with pytest.raises(SceneError, match="'faces'.* changes no cell"):
+        cells_in(NamedGroup("faces"), GROUPED, "changes")
