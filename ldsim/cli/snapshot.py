@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import click
 import numpy as np
 
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import MotionStore, write_snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.dynamics.linear_choice import choose
 from ldsim.ensemble import SolverOptions, run_motions
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pulls import random_pulls
@@ -23,7 +25,17 @@ def command(run: Run) -> None:
     run.check("scene", header)
     motions = [_motion(run, scene, entry) for entry in settings.motions]
     folder = run.folder / "snapshots.partial"
-    options = SolverOptions(settings.tolerance, settings.factor_cost, settings.max_iterations)
+    choice = choose(scene, settings.linear_solver, min(settings.workers, len(motions)))
+    options = SolverOptions(
+        settings.tolerance,
+        settings.factor_cost,
+        settings.max_iterations,
+        settings.method,
+        choice.name,
+        settings.quasistatic,
+    )
+    solver = f"{settings.method}, {'quasi-static' if settings.quasistatic else 'dynamic'}, {choice.words}"
+    click.echo(f"full space: {solver}", err=True)
     frames = sum(motion.frames for motion in motions)
     with progress_bar(frames, f"snapshot {run.settings.experiment}", "frame") as bar:
 
@@ -37,7 +49,7 @@ def command(run: Run) -> None:
         for motion, entry in zip(motions, settings.motions, strict=True)
     ]
     seeds = [entry.pulls.seed for entry in settings.motions if entry.pulls is not None]
-    header = run.header("snapshots", "snapshot", ("scene",), seed=seeds[0] if seeds else -1)
+    header = run.header("snapshots", "snapshot", ("scene",), seed=seeds[0] if seeds else -1, solver=solver)
     write_snapshots(run.path("snapshots"), header, stores, scene.mesh.n_vertices)
     run.done("snapshots", f"{frames} frames of {len(motions)} motions")
 

@@ -19,11 +19,11 @@ class IncrementalPotential:
     """E(u) = 1/(2h²) ‖u − û‖²_M + V(u) − f_ext·u + Σ ½ k ‖c(u) − target‖², with û = 2uₙ − uₙ₋₁.
 
     Args:
-        predictor: û, (n, 3) float64, metres.
+        predictor: û, (n, 3) float64, metres; None leaves inertia out, for an equilibrium.
         grabs: the springs that pull in this step.
     """
 
-    def __init__(self, scene: Scene, predictor: Array, grabs: Sequence[Grab]) -> None:
+    def __init__(self, scene: Scene, predictor: Array | None, grabs: Sequence[Grab]) -> None:
         self._scene = scene
         self._predictor = predictor
         self._grabs = grabs
@@ -32,10 +32,13 @@ class IncrementalPotential:
     def value_gradient(self, x: Array, gradient: Array) -> float:
         """E(u) in J for x = u flattened, (3n,); overwrites `gradient` (3n,), N, which is zero at pinned vertices."""
         u, g = x.reshape(-1, 3), gradient.reshape(-1, 3)
-        offset = u - self._predictor
-        momentum = (self._mass @ offset) / self._scene.time_step**2
-        g[:] = momentum - self._scene.external_force
-        value = 0.5 * float(np.vdot(offset, momentum)) - float(np.vdot(self._scene.external_force, u))
+        g[:] = -self._scene.external_force
+        value = -float(np.vdot(self._scene.external_force, u))
+        if self._predictor is not None:
+            offset = u - self._predictor
+            momentum = (self._mass @ offset) / self._scene.time_step**2
+            g += momentum
+            value += 0.5 * float(np.vdot(offset, momentum))
         for grab in self._grabs:
             pull = self._pull(grab, u)
             g[grab.vertices] += grab.stiffness / len(grab.vertices) * pull
