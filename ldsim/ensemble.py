@@ -42,6 +42,21 @@ class SolverOptions:
     tolerance: float
     factor_cost: int
     max_iterations: int
+    method: str = "lbfgs"
+    linear_solver: str = "auto"
+    quasistatic: bool = False
+
+    def stepper(self, scene: Scene) -> FullStepper:
+        """A stepper with these settings."""
+        return FullStepper(
+            scene,
+            self.tolerance,
+            self.factor_cost,
+            self.max_iterations,
+            self.method,
+            self.linear_solver,
+            self.quasistatic,
+        )
 
 
 def run_motions(
@@ -114,7 +129,7 @@ def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOp
         if checkpoint is None:
             store.start()
             checkpoint = _beginning(identity, scene)
-        stepper = FullStepper(scene, options.tolerance, options.factor_cost, options.max_iterations)
+        stepper = options.stepper(scene)
         tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(checkpoint.held))
         statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
         seconds = list(checkpoint.seconds)

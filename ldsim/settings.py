@@ -276,8 +276,13 @@ class SnapshotSettings(Section):
     )
     heldout_seed: int = Field(0, ge=0, description="Of the choice of these.")
     tolerance: Positive = Field(1e-6, description="Stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.")
+    method: Literal["lbfgs", "newton"] = Field("lbfgs", description="L-BFGS, or Newton with clamped Hessians.")
+    linear_solver: Literal["auto", "direct", "multigrid"] = Field(
+        "auto", description="Of the sparse systems; auto takes a direct factor where it fits in memory."
+    )
+    quasistatic: bool = Field(False, description="Leave inertia out: every frame is an equilibrium.")
     factor_cost: int = Field(25, ge=1, description="Cost of a factorisation, in iterations of L-BFGS.")
-    max_iterations: int = Field(500, ge=1, description="Of L-BFGS in one step.")
+    max_iterations: int = Field(500, ge=1, description="Of the minimiser in one step.")
     workers: int = Field(2, ge=1, description="Motions that run side by side.")
 
     @model_validator(mode="after")

@@ -45,6 +45,8 @@ OWNERS = {
     "h5py": ("artefacts", "export"),
     "torch": ("reduction/autoencoder", "dynamics/batched"),
     "meshio": ("mesh/formats", "export"),
+    "pyamg": ("solvers/multigrid",),
+    "pymetis": ("solvers/elimination",),
     "matplotlib": ("evaluation",),
     "PIL": ("evaluation",),
     "click": ("cli",),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import click
+
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import MotionStore, write_snapshots
 from ldsim.cli.motions import motion
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.dynamics.linear_choice import choose
 from ldsim.ensemble import SolverOptions, run_motions
 
 
@@ -16,7 +19,17 @@ def command(run: Run) -> None:
     run.check("scene", header)
     motions = [motion(run, scene, entry) for entry in settings.motions]
     folder = run.folder / "snapshots.partial"
-    options = SolverOptions(settings.tolerance, settings.factor_cost, settings.max_iterations)
+    choice = choose(scene, settings.linear_solver, min(settings.workers, len(motions)))
+    options = SolverOptions(
+        settings.tolerance,
+        settings.factor_cost,
+        settings.max_iterations,
+        settings.method,
+        choice.name,
+        settings.quasistatic,
+    )
+    solver = f"{settings.method}, {'quasi-static' if settings.quasistatic else 'dynamic'}, {choice.words}"
+    click.echo(f"full space: {solver}", err=True)
     frames = sum(each.frames for each in motions)
     with progress_bar(frames, f"snapshot {run.settings.experiment}", "frame") as bar:
 
@@ -27,6 +40,6 @@ def command(run: Run) -> None:
         run_motions(run.path("scene"), folder, motions, options, settings.workers, show)
     stores = [(MotionStore(folder, each), each, role) for each, role in zip(motions, settings.roles, strict=True)]
     seeds = [entry.pulls.seed for entry in settings.motions if entry.pulls is not None]
-    header = run.header("snapshots", "snapshot", ("scene",), seed=seeds[0] if seeds else -1)
+    header = run.header("snapshots", "snapshot", ("scene",), seed=seeds[0] if seeds else -1, solver=solver)
     write_snapshots(run.path("snapshots"), header, stores, scene.mesh.n_vertices)
     run.done("snapshots", f"{frames} frames of {len(motions)} motions")

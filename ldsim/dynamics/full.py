@@ -1,7 +1,9 @@
-"""Full-space stepping: L-BFGS with a preconditioner that is factorised anew when that pays.
+"""Full-space stepping, dynamic or quasi-static, by L-BFGS or Newton with clamped Hessians.
 
-Every iteration beyond those of the first step after a factorisation is excess; once the excess adds up to the cost of a
-factorisation, a new one is made. Costs are counted in iterations, not seconds, so a run repeats exactly.
+L-BFGS keeps its preconditioner, the inverse of a Hessian, until a new one pays: every iteration beyond those of the
+first step after a factorisation is excess; once the excess adds up to the cost of a factorisation, a new one is made.
+Costs are counted in iterations, not seconds, so a run repeats exactly. Newton is the same loop with no memory and a new
+Hessian in every iteration.
 """
 
 from __future__ import annotations
@@ -12,9 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.dynamics.linear_choice import LinearChoice, choose
 from ldsim.dynamics.potential import IncrementalPotential
 from ldsim.dynamics.preconditioner import TurnedHessian
 from ldsim.errors import SolverError
+from ldsim.mechanics.elastic import smallest_volume_ratio
 from ldsim.mechanics.motion import Conditions, Grab, GrabTracker
 from ldsim.mechanics.scene import Scene
 from ldsim.solvers.lbfgs import minimise
@@ -23,6 +27,7 @@ from ldsim.solvers.solution import Reason, Solution
 Array = NDArray[np.float64]
 
 STILL = Conditions()
+WINDOW = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +58,30 @@ class FullStepper:
     Args:
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.
         factor_cost: cost of a factorisation, in iterations.
+        method: "lbfgs" or "newton".
+        linear_solver: "direct", "multigrid", "auto", or a choice made before.
+        quasistatic: leave inertia out, so that each frame is an equilibrium.
     """
 
-    def __init__(self, scene: Scene, tolerance: float = 1e-6, factor_cost: int = 25, max_iterations: int = 500) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        tolerance: float = 1e-6,
+        factor_cost: int = 25,
+        max_iterations: int = 500,
+        method: str = "lbfgs",
+        linear_solver: str | LinearChoice = "auto",
+        quasistatic: bool = False,
+    ) -> None:
         self._scene = scene
         self._tolerance = tolerance
+        self._newton = method == "newton"
         self._factor_cost = factor_cost
         self._max_iterations = max_iterations
-        self._hessian = TurnedHessian(scene)
+        self._quasistatic = quasistatic
+        self.choice = choose(scene, linear_solver) if isinstance(linear_solver, str) else linear_solver
+        exact = self._newton or quasistatic
+        self._hessian = TurnedHessian(scene, self.choice, exact=exact, inertia=not quasistatic)
         self._factorised_at: Array | None = None
         self.factorisations = 0
 
@@ -71,13 +92,16 @@ class FullStepper:
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
         if excess > self._factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
-        potential = IncrementalPotential(self._scene, 2 * state.u - state.u_previous, grabs, conditions.gravity)
+        predictor = None if self._quasistatic else 2 * state.u - state.u_previous
+        potential = IncrementalPotential(self._scene, predictor, grabs, conditions.gravity)
         x, guesses = _initial_guess(potential, state, self._scene.pinned, conditions.prescribed)
+        if self._newton:
+            u_factor = x.reshape(-1, 3).copy()
         self._prepare(u_factor, x, grabs)
 
         def refactorise(trial: Array, iteration: int) -> bool:
             nonlocal u_factor, fresh
-            if iteration == 0 or iteration % self._factor_cost:
+            if iteration == 0 or (iteration % self._factor_cost and not self._newton):
                 return False
             u_factor, fresh = trial.reshape(-1, 3).copy(), -1
             self._prepare(u_factor, trial, grabs)
@@ -88,6 +112,7 @@ class FullStepper:
             x,
             self._hessian.solve,
             self._tolerance,
+            window=0 if self._newton else WINDOW,
             max_iterations=self._max_iterations,
             refresh=refactorise,
         )
@@ -97,6 +122,17 @@ class FullStepper:
             excess += max(solution.iterations - fresh, 0)
         advanced = FullState(x.reshape(-1, 3), state.u, u_factor, fresh, excess)
         return advanced, replace(solution, evaluations=solution.evaluations + guesses)
+
+    def worst_cell(self, state: FullState) -> str:
+        """The most inverted cell of a state and what may help, in words."""
+        point, J = smallest_volume_ratio(self._scene.elements, state.u)
+        cell = int(self._scene.points.cells[point])
+        centre = self._scene.mesh.vertices[self._scene.mesh.cells[cell]].mean(axis=0)
+        return (
+            f"cell {cell}, at rest around {np.round(centre, 4).tolist()} m, is inverted (det F = {J:.3g}); use a "
+            "smaller time step, a weaker grab, a slower path, or a material that stays finite (stable_neo_hookean, "
+            "fixed_corotated)"
+        )
 
     def _prepare(self, u_factor: Array, x: Array, grabs: Sequence[Grab]) -> None:
         if self._factorised_at is None or not np.array_equal(u_factor, self._factorised_at):
@@ -126,14 +162,10 @@ def run(
     """Step through the frames of a motion; yields each frame with its state and the solver's record.
 
     Raises:
-        SolverError: a step started from an inverted or non-finite state, or no step decreased a gradient that is
-            still large.
+        SolverError: a step can only start from a state of infinite energy, because a cell is inverted.
     """
     for frame in frames:
         state, solution = stepper.step(state, tracker.grabs(frame, state.u), tracker.conditions(frame))
         if solution.reason == Reason.INFINITE_START or not np.isfinite(state.u).all():
-            raise SolverError(
-                f"frame {frame}: {solution.reason.words}; a cell is inverted — use a smaller time step, "
-                "a weaker grab, a slower path or a stiffer material"
-            )
+            raise SolverError(f"frame {frame}: {solution.reason.words}; {stepper.worst_cell(state)}")
         yield frame, state, solution

@@ -19,7 +19,7 @@ class IncrementalPotential:
     """E(u) = 1/(2h²) ‖u − û‖²_M + V(u) − f_ext·u + Σ ½ k ‖c(u) − target‖², with û = 2uₙ − uₙ₋₁.
 
     Args:
-        predictor: û, (n, 3) float64, metres.
+        predictor: û, (n, 3) float64, metres; None leaves inertia out, for an equilibrium.
         grabs: the springs that pull in this step.
         gravity: (3,) float64, m/s²; None for the scene's own.
 
@@ -27,7 +27,9 @@ class IncrementalPotential:
     they accelerate, through M.
     """
 
-    def __init__(self, scene: Scene, predictor: Array, grabs: Sequence[Grab], gravity: Array | None = None) -> None:
+    def __init__(
+        self, scene: Scene, predictor: Array | None, grabs: Sequence[Grab], gravity: Array | None = None
+    ) -> None:
         self._scene = scene
         self._force = scene.external_force if gravity is None else scene.force(gravity)
         self._predictor = predictor
@@ -37,10 +39,13 @@ class IncrementalPotential:
     def value_gradient(self, x: Array, gradient: Array) -> float:
         """E(u) in J for x = u flattened, (3n,); overwrites `gradient` (3n,), N, which is zero at pinned vertices."""
         u, g = x.reshape(-1, 3), gradient.reshape(-1, 3)
-        offset = u - self._predictor
-        momentum = (self._mass @ offset) / self._scene.time_step**2
-        g[:] = momentum - self._force
-        value = 0.5 * float(np.vdot(offset, momentum)) - float(np.vdot(self._force, u))
+        g[:] = -self._force
+        value = -float(np.vdot(self._force, u))
+        if self._predictor is not None:
+            offset = u - self._predictor
+            momentum = (self._mass @ offset) / self._scene.time_step**2
+            g += momentum
+            value += 0.5 * float(np.vdot(offset, momentum))
         for grab in self._grabs:
             pull = self._pull(grab, u)
             g[grab.vertices] += grab.stiffness / len(grab.vertices) * pull

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.mechanics.materials import energy, energy_stress, tangent
-from ldsim.mechanics.materials.tensors import Matrix, signed_svd
+from ldsim.mechanics.materials.tensors import Matrix, determinant, signed_svd
 
 Array = NDArray[np.float64]
 
@@ -100,10 +100,20 @@ def inverted_points(elements: Elements, u: Array) -> int:
     count = 0
     for s in range(elements.weights.shape[0]):
         F = deformation_gradient(elements.nodes, elements.gradients, s, u)
-        J = F[0] * (F[4] * F[8] - F[5] * F[7]) - F[1] * (F[3] * F[8] - F[5] * F[6]) + F[2] * (F[3] * F[7] - F[4] * F[6])
-        if J <= 0.0:
+        if determinant(F) <= 0.0:
             count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def smallest_volume_ratio(elements: Elements, u: Array) -> tuple[int, float]:
+    """The point where det F is smallest, or not a number, and its value."""
+    worst, smallest = 0, np.inf
+    for s in range(elements.weights.shape[0]):
+        J = determinant(deformation_gradient(elements.nodes, elements.gradients, s, u))
+        if not J >= smallest:
+            worst, smallest = s, J
+    return worst, smallest
 
 
 @njit(cache=True, nogil=True)

@@ -102,7 +102,9 @@ class Memory:
         self._newest, self._count = -1, 0
 
     def add(self, s: Array, y: Array) -> None:
-        """Keep the pair if its curvature s·y is safely positive."""
+        """Keep the pair if its curvature s·y is safely positive, and if anything is kept."""
+        if len(self.S) == 0:
+            return
         curvature = float(s @ y)
         if curvature <= 1e-14 * math.sqrt(float(s @ s) * float(y @ y)):
             return
@@ -135,6 +137,7 @@ def minimise(
         objective: (x, gradient to overwrite) → value; infinite values are backed away from.
         x: start and result, (d,) float64.
         precondition: an approximate inverse Hessian applied to a vector.
+        window: pairs to keep; with none, and a preconditioner that is the inverse Hessian, this is Newton's method.
         refresh: called before each iteration with x and the iterations so far; true means that the preconditioner
             was changed, so the memory starts anew.
 
