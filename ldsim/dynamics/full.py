@@ -94,6 +94,13 @@ class FullStepper:
         advanced = FullState(x.reshape(-1, 3), state.u, u_factor, fresh, excess)
         return advanced, replace(solution, evaluations=solution.evaluations + guesses)
 
+    def set_scene(self, scene: Scene) -> None:
+        """Step the same solid under another gravity or with another material from now on (`Scene.changed`)."""
+        if not (np.array_equal(scene.mu, self._scene.mu) and np.array_equal(scene.lam, self._scene.lam)):
+            self._factorised_at = None
+        self._scene = scene
+        self._hessian.set_scene(scene)
+
     def _prepare(self, u_factor: Array, x: Array, grabs: Sequence[Grab]) -> None:
         if self._factorised_at is None or not np.array_equal(u_factor, self._factorised_at):
             self._hessian.factorise(u_factor)

@@ -39,6 +39,10 @@ class TurnedHessian:
         self._columns = np.empty((3 * n, 0))
         self._capacitance = np.empty((0, 0))
 
+    def set_scene(self, scene: Scene) -> None:
+        """Take the material from another scene of the same solid; the factor is as it was until the next one."""
+        self._scene = scene
+
     def factorise(self, u: Array) -> None:
         """Factorise at displacement u, (n, 3) metres."""
         blocks = self._pattern.stiffness_blocks(self._scene.elements, u, clamp=True)

@@ -33,6 +33,11 @@ def reduced_mass(scene: Scene, U: Array) -> Array:
     return mass
 
 
+def vertex_mass(scene: Scene) -> Array:
+    """Row sums of the mass matrix, (n,) float64, kg; zero where pinned."""
+    return np.where(scene.pinned, 0.0, scene.mass.sum(axis=1))
+
+
 def reduced_rest_stiffness(scene: Scene, U: Array) -> Array:
     """K̃₀ = UᵀK₀U, (k, k) float64, N/m in the coordinates of U."""
     pattern = StiffnessPattern(scene.points.nodes, scene.free, scene.mesh.n_vertices)
@@ -97,6 +102,9 @@ class ReducedStepper:
         points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
         method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
+
+    Attributes:
+        mass: M̃ = UᵀMU, (k, k) float64, kg in the coordinates of U.
     """
 
     def __init__(
@@ -117,7 +125,8 @@ class ReducedStepper:
         self.decoder = decoder
         self._vertices = scene.mesh.vertices
         self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
-        inertia = reduced_mass(scene, U) / scene.time_step**2
+        self.mass = reduced_mass(scene, U)
+        inertia = self.mass / scene.time_step**2
         stiffness = reduced_rest_stiffness(scene, U)
         self._model = Reduced(
             decoder.layers,
@@ -130,6 +139,8 @@ class ReducedStepper:
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
+        self._base, self._stiffness, self._gravity = self._model, stiffness, scene.gravity
+        self._weight = np.einsum("v,vik->ki", vertex_mass(scene), self._U)
         self._method = method
         renewal = RENEWAL[method] if current else max_iterations
         self._options = Options(tolerance, max_iterations, int(method), current, renewal)
@@ -161,6 +172,16 @@ class ReducedStepper:
         fresh = iterations if renew else state.fresh_iterations
         excess = 0 if renew else state.excess + max(iterations - fresh, 0)
         return ReducedState(z, state.z, q, state.q, guess, H, held, fresh, excess), solution
+
+    def set_gravity(self, gravity: Array) -> None:
+        """Step under another gravity from now on, (3,) m/s²; other loads stay."""
+        self._model = self._model._replace(force=self._base.force + self._weight @ (gravity - self._gravity))
+
+    def set_material_scale(self, scale: float) -> None:
+        """Multiply the Lamé parameters that the model was built with, and the rest stiffness, by a positive number."""
+        base = self._base
+        metric = base.metric + (scale - 1) * self._stiffness
+        self._model = self._model._replace(mu=scale * base.mu, lam=scale * base.lam, metric=metric)
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""
