@@ -44,6 +44,11 @@ class Handle:
         """Where their centroid is pulled to, (3,) float64, metres."""
         return self._simulator.held(self._key).target
 
+    @property
+    def centroid(self) -> Array:
+        """Where the centroid of the vertices held is now, (3,) float64, metres."""
+        return self._simulator.centroid(self.vertices)
+
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
         grab = self._simulator.held(self._key)
@@ -247,6 +252,16 @@ class Simulator:
     def displacement(self) -> Array:
         """u of every vertex, (n, 3) float64, metres."""
         return self._dynamics.displacement(self._state).copy()
+
+    def centroid(self, vertices: NDArray[np.int64]) -> Array:
+        """The mean position of some vertices now, (3,) float64, metres."""
+        rest: Array = self.scene.mesh.vertices[vertices].mean(axis=0)
+        if self.basis is None:
+            u: Array = self.displacement()[vertices].mean(axis=0)
+        else:
+            nodal = self.basis.reshape(self.scene.mesh.n_vertices, 3, -1)
+            u = nodal[vertices].mean(axis=0) @ self._dynamics.coordinates(self._state)
+        return rest + u
 
     def save(self) -> SavedState:
         """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""

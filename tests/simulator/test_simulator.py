@@ -230,6 +230,15 @@ def test_bad_values_are_refused_in_words() -> None:
         simulator.step(0)
 
 
+@kinds
+def test_a_handle_tells_where_what_it_holds_is(kind: int) -> None:
+    simulator = every_kind()[kind]
+    handle = simulator.grab(TIP, TIP + UP, radius=0.06)
+    simulator.step(5)
+    moved = BODY.mesh.vertices + simulator.displacement()
+    np.testing.assert_allclose(handle.centroid, moved[handle.vertices].mean(axis=0), atol=1e-14)
+
+
 def test_a_handle_that_was_released_says_so() -> None:
     simulator = reduced()
     handle = simulator.grab(TIP, TIP + UP)
