@@ -133,6 +133,12 @@ class FullStepper:
             "smaller time step, a weaker grab, a slower path, or a material that stays finite (stable_neo_hookean, "
             "fixed_corotated)"
         )
+    def set_scene(self, scene: Scene) -> None:
+        """Step the same solid under another gravity or with another material from now on (`Scene.changed`)."""
+        if not (np.array_equal(scene.mu, self._scene.mu) and np.array_equal(scene.lam, self._scene.lam)):
+            self._factorised_at = None
+        self._scene = scene
+        self._hessian.set_scene(scene)
 
     def _prepare(self, u_factor: Array, x: Array, grabs: Sequence[Grab]) -> None:
         if self._factorised_at is None or not np.array_equal(u_factor, self._factorised_at):

@@ -97,6 +97,9 @@ class ReducedStepper:
         points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
         method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
+
+    Attributes:
+        mass: M̃ = UᵀMU, (k, k) float64, kg in the coordinates of U.
     """
 
     def __init__(
@@ -117,7 +120,8 @@ class ReducedStepper:
         self.decoder = decoder
         self._vertices = scene.mesh.vertices
         self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
-        inertia = reduced_mass(scene, U) / scene.time_step**2
+        self.mass = reduced_mass(scene, U)
+        inertia = self.mass / scene.time_step**2
         stiffness = reduced_rest_stiffness(scene, U)
         self._model = Reduced(
             decoder.layers,
@@ -130,6 +134,7 @@ class ReducedStepper:
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
+        self._base, self._stiffness = self._model, stiffness
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._own_force = self._model.force.copy()
         self._load = U.T @ scene.force(np.zeros(3)).ravel()
@@ -172,6 +177,12 @@ class ReducedStepper:
         fresh = iterations if renew else state.fresh_iterations
         excess = 0 if renew else state.excess + max(iterations - fresh, 0)
         return ReducedState(z, state.z, q, state.q, guess, H, held, fresh, excess), solution
+
+    def set_material_scale(self, scale: float) -> None:
+        """Multiply the Lamé parameters that the model was built with, and the rest stiffness, by a positive number."""
+        base = self._base
+        metric = base.metric + (scale - 1) * self._stiffness
+        self._model = self._model._replace(mu=scale * base.mu, lam=scale * base.lam, metric=metric)
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,44 @@ def read_recording(path: Path, name: str, frames: int | None = None) -> Motion:
         raise MotionError(f"recording {path}, frame row {first} holds a value that is not finite")
     table = table[:frames]
     return Motion(name, len(table), tuple(_drags(table, radius, stiffness)))
+
+
+def write_recording(path: Path, motion: Motion, notes: Mapping[str, str | float] | None = None) -> None:
+    """Write a motion as a recording that `read_recording` reads back to the last bit.
+
+    Args:
+        notes: further `key: value` lines, such as the mesh it was recorded on.
+
+    Raises:
+        MotionError: a row a frame cannot hold the motion: two drags overlap or touch, differ in radius or stiffness, or
+            take hold at rest; or the file cannot be written.
+    """
+    table = np.zeros((motion.frames, len(COLUMNS)))
+    previous = -1
+    for drag in sorted(motion.drags, key=lambda drag: drag.start):
+        if drag.start <= previous or drag.at_rest or _spring(drag) != _spring(motion.drags[0]):
+            raise MotionError(
+                f"motion {motion.name!r} cannot be written as a recording: its drag at frame {drag.start} follows another "
+                "without a frame between, has another radius or stiffness, or takes hold at rest"
+            )
+        previous = drag.stop
+        rows = table[drag.start : drag.stop]
+        rows[:, 0], rows[:, 1:4], rows[:, 4:] = 1, drag.targets[: len(rows)], drag.point
+    stiffness, radius = _spring(motion.drags[0]) if motion.drags else (1.0, 0.0)
+    header = {**(notes or {}), **dict(zip(NEEDED, (stiffness, radius), strict=True)), "frames": motion.frames}
+    lines = [f"# {key}: {value}" for key, value in header.items()] + [",".join(("frame", *COLUMNS))]
+    lines += [
+        ",".join((str(i), str(int(row[0])), *(repr(float(x)) if x else "0" for x in row[1:])))
+        for i, row in enumerate(table)
+    ]
+    try:
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise MotionError(f"recording {path} cannot be written: {error.strerror}; choose another file") from error
+
+
+def _spring(drag: Drag) -> tuple[float, float]:
+    return drag.stiffness, drag.radius
 
 
 def _key_value(line: str) -> tuple[str, str]:

@@ -1,0 +1,25 @@
+"""The simulator as a Python API: a finished run, or a scene, that is grabbed and stepped.
+
+    from ldsim import load
+    sim = load("runs/x")
+    pull = sim.grab(point, target)
+    sim.step()
+
+`play`, `record` and scripts all step through it.
+"""
+
+from ldsim.simulator.loading import SPACES, full_simulator, load
+from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
+from ldsim.simulator.simulator import Handle, Simulator
+
+__all__ = [
+    "SPACES",
+    "Handle",
+    "Outcome",
+    "SavedState",
+    "Simulator",
+    "StepRecord",
+    "Surface",
+    "full_simulator",
+    "load",
+]

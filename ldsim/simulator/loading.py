@@ -1,0 +1,71 @@
+"""From the artefacts of a run to a simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.store import check_inputs
+from ldsim.dynamics.reduced_model import ReducedStepper
+from ldsim.dynamics.spaces import FullDynamics, ReducedDynamics
+from ldsim.errors import ArtefactError
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.decoder import Decoder
+from ldsim.simulator.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+SPACES = ("latent", "linear", "full")
+
+
+def load(
+    run: str | Path, space: str = "latent", *, points: int | None = None, tolerance: float | None = None
+) -> Simulator:
+    """A simulator of a finished run.
+
+    Args:
+        run: the folder of the run, such as runs/x.
+        space: "latent", "linear" or "full"; the full space needs only scene.h5.
+        points: use the largest cubature of at most so many points instead of the one that was chosen.
+        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 1e-8 in a reduced space, 1e-6 in the full one.
+
+    Raises:
+        ArtefactError: an artefact is missing, damaged, or was made from other files than those beside it.
+    """
+    if space not in SPACES:
+        raise ArtefactError(f"space is {space!r}; known are {', '.join(SPACES)}")
+    folder = Path(run)
+    if not folder.is_dir():
+        raise ArtefactError(f"{folder} is not the folder of a run; give one such as runs/demo, made by `make`")
+    scene, _ = read_scene(folder / "scene.h5")
+    if space == "full":
+        return full_simulator(scene, 1e-6 if tolerance is None else tolerance)
+    U, decoder, chosen, weights = _reduced_parts(folder, space, points)
+    stepper = ReducedStepper(scene, U, decoder, chosen, weights, tolerance=1e-8 if tolerance is None else tolerance)
+    return Simulator(scene, ReducedDynamics(scene, stepper), space, basis=U, points=chosen)
+
+
+def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:
+    """A simulator of a scene in the full space, every vertex free."""
+    return Simulator(scene, FullDynamics(scene, tolerance), "full")
+
+
+def _reduced_parts(folder: Path, space: str, points: int | None) -> tuple[Array, Decoder, NDArray[np.int64], Array]:
+    """U, φ, cubature points and weights of a reduced space, checked to belong together."""
+    paths = {kind: folder / f"{kind}.h5" for kind in ("scene", "basis", "model", "cubature")}
+    basis, basis_header = read_basis(paths["basis"])
+    model, model_header = read_model(paths["model"])
+    cubature, cubature_header = read_cubature(paths["cubature"])
+    for header, inputs in (
+        (basis_header, ("scene",)),
+        (model_header, ("basis",)),
+        (cubature_header, ("scene", "basis", "model")),
+    ):
+        check_inputs(paths[header.kind], header, {name: paths[name] for name in inputs})
+    chosen = cubature[space].best if points is None else cubature[space].at_most(points)
+    if space == "latent":
+        return basis.basis.U, model.decoder, chosen.points, chosen.weights
+    return np.ascontiguousarray(basis.basis.U[:, : model.kp]), Decoder.identity(model.kp), chosen.points, chosen.weights

@@ -1,0 +1,92 @@
+"""What a simulator hands out: the record of a step, the surface, a state to come back to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.surface import surface_triangles
+from ldsim.solvers.solution import Reason
+
+Array = NDArray[np.float64]
+
+
+class Outcome(Enum):
+    """What came of a step."""
+
+    SOLVED = "solved"
+    SHORT = "the minimiser stopped before its tolerance; the best point that it found was taken"
+    SLOWED = "no step from here in motion; the velocity was dropped and the step taken from standstill"
+    HELD = "no step from here; the shape is kept without velocity: ease the grabs, or restore or reset the state"
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """The statistics of one step.
+
+    Attributes:
+        number: of the step since the last reset, from 1.
+        seconds: it took.
+        iterations, evaluations: of the minimiser, retries included.
+        reason: why the minimiser stopped.
+        gradient_norm: ‖∇E‖ where it stopped, N.
+        outcome: what came of it.
+    """
+
+    number: int
+    seconds: float
+    iterations: int
+    evaluations: int
+    reason: Reason
+    gradient_norm: float
+    outcome: Outcome
+
+    @property
+    def message(self) -> str:
+        """One line in words; empty where all went well."""
+        if self.outcome == Outcome.SOLVED:
+            return ""
+        return f"step {self.number}: {self.reason.words}; {self.outcome.value}"
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The boundary, for drawing and picking.
+
+    Attributes:
+        vertices: the mesh's vertices on it, (v,) int64, ascending.
+        rest: their rest positions, (v, 3) float64, metres.
+        triangles: (t, 3) int32 indices into `vertices`, counter-clockwise seen from outside.
+    """
+
+    vertices: NDArray[np.int64]
+    rest: Array
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Surface:
+        """The boundary of a scene's mesh."""
+        triangles = surface_triangles(scene.mesh)
+        vertices, local = np.unique(triangles, return_inverse=True)
+        return cls(
+            vertices.astype(np.int64),
+            scene.mesh.vertices[vertices],
+            local.reshape(triangles.shape).astype(np.int32),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SavedState:
+    """All that the next step depends on; made by `Simulator.save`."""
+
+    state: Any
+    grabs: dict[int, Grab] = field(repr=False)
+    gravity: Array
+    material_scale: float
+    number: int

@@ -1,0 +1,294 @@
+"""The simulator: one solid in one space, grabbed and stepped.
+
+What goes wrong in a step is put right or reported in words, and never costs the state: it stays finite and near the
+solid whatever is asked of it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldsim.dynamics.spaces import Dynamics
+from ldsim.errors import MotionError, SceneError, SolverError
+from ldsim.mechanics.motion import Drag, Grab, held_vertices
+from ldsim.mechanics.scene import Scene
+from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
+from ldsim.solvers.solution import Reason, Solution
+
+Array = NDArray[np.float64]
+
+# A step that leaves the solid this many diagonals (root mean square over its mass) from its rest shape is not taken.
+BOUND = 3.0
+
+
+class Handle:
+    """A grab in a simulator, to be moved and let go."""
+
+    def __init__(self, simulator: Simulator, key: int) -> None:
+        self._simulator = simulator
+        self._key = key
+
+    @property
+    def vertices(self) -> NDArray[np.int64]:
+        """The vertices held, (g,) int64."""
+        return self._simulator.held(self._key).vertices
+
+    @property
+    def target(self) -> Array:
+        """Where their centroid is pulled to, (3,) float64, metres."""
+        return self._simulator.held(self._key).target
+
+    @property
+    def centroid(self) -> Array:
+        """Where the centroid of the vertices held is now, (3,) float64, metres."""
+        return self._simulator.centroid(self.vertices)
+
+    def move(self, target: ArrayLike) -> None:
+        """Pull to another target, (3,) metres."""
+        grab = self._simulator.held(self._key)
+        self._simulator.replace_grab(self._key, replace(grab, target=_vector(target, "target", "m")))
+
+    def release(self) -> None:
+        """Let go; a second time does nothing."""
+        self._simulator.replace_grab(self._key, None)
+
+
+class Simulator:
+    """Steps one solid in one space.
+
+    Args:
+        scene: the solid.
+        dynamics: how its states are stepped.
+        space: "latent", "linear" or "full".
+        basis: U, (3n, k) float64; None in the full space.
+        points: the cubature, (c,) indices of quadrature points; None in the full space.
+        bound: a step that leads further than this many diagonals from rest is not taken.
+
+    Attributes:
+        last: the record of the last step, None before the first.
+        counts: how many steps came to each outcome since the last reset.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        dynamics: Dynamics[Any],
+        space: str,
+        *,
+        basis: Array | None = None,
+        points: NDArray[np.int64] | None = None,
+        bound: float = BOUND,
+    ) -> None:
+        self.scene, self.space, self.basis, self.points = scene, space, basis, points
+        self.surface = Surface.of(scene)
+        self._dynamics = dynamics
+        self._limit = bound * scene.mesh.diagonal
+        self._gravity, self._material_scale = scene.gravity.astype(np.float64), 1.0
+        self._next_key = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to rest, without grabs; gravity and material stay as they were set."""
+        self._state = self._dynamics.at_rest()
+        self._grabs: dict[int, Grab] = {}
+        self._number = 0
+        self.last: StepRecord | None = None
+        self.counts = dict.fromkeys(Outcome, 0)
+
+    def grab(
+        self,
+        point: ArrayLike,
+        target: ArrayLike,
+        stiffness: float | None = None,
+        radius: float | None = None,
+        *,
+        at_rest: bool = False,
+    ) -> Handle:
+        """Take hold of the vertices around a point and pull their centroid towards a target.
+
+        Args:
+            point: where, (3,) metres, on the deformed solid, or on the rest shape with `at_rest`.
+            target: where to, (3,) metres.
+            stiffness: of the spring, N/m; by default a hundredth of shear modulus times diagonal.
+            radius: vertices within it of the one nearest to the point are held, metres; by default a tenth of the
+                diagonal.
+
+        Raises:
+            MotionError: the point is not near the solid, all vertices there are pinned, or a value is not allowed.
+        """
+        diagonal = self.scene.mesh.diagonal
+        stiffness = 0.01 * float(self.scene.mu.mean()) * diagonal if stiffness is None else stiffness
+        radius = 0.1 * diagonal if radius is None else radius
+        if not 0 < stiffness < np.inf or not 0 <= radius < np.inf:
+            raise MotionError(
+                f"a grab of stiffness {stiffness:g} N/m and radius {radius:g} m; "
+                "the stiffness must be positive, the radius not negative, both finite"
+            )
+        aim = _vector(target, "target", "m")
+        drag = Drag(self._number, _vector(point, "point", "m"), aim[None], radius, stiffness, at_rest)
+        positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
+        vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * diagonal)
+        key, self._next_key = self._next_key, self._next_key + 1
+        self._grabs[key] = Grab(vertices, aim, stiffness)
+        return Handle(self, key)
+
+    def held(self, key: int) -> Grab:
+        """The grab of a handle.
+
+        Raises:
+            MotionError: it was released, by its handle, by `reset` or by `restore`.
+        """
+        if key not in self._grabs:
+            raise MotionError("this grab was released; grab again")
+        return self._grabs[key]
+
+    def replace_grab(self, key: int, grab: Grab | None) -> None:
+        """Put another grab in the place of one, or none."""
+        self._grabs.pop(key, None)
+        if grab is not None:
+            self._grabs[key] = grab
+
+    def set_grabs(self, grabs: Sequence[Grab]) -> None:
+        """Hold exactly these from now on, as a motion that is replayed does."""
+        self._grabs = dict(enumerate(grabs, self._next_key))
+        self._next_key += len(grabs)
+
+    @property
+    def grabs(self) -> list[Grab]:
+        """What is held now."""
+        return [self._grabs[key] for key in sorted(self._grabs)]
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration, (3,) float64, m/s²; can be set at any time."""
+        return self._gravity.copy()
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        self._change(_vector(value, "gravity", "m/s²"), self._material_scale)
+
+    @property
+    def material_scale(self) -> float:
+        """What the scene's Lamé parameters are multiplied by; can be set to any positive number at any time."""
+        return self._material_scale
+
+    @material_scale.setter
+    def material_scale(self, value: float) -> None:
+        if not 0 < value < np.inf:
+            raise SceneError(f"material scale is {value:g}; it must be positive and finite")
+        self._change(self._gravity, float(value))
+
+    def _change(self, gravity: Array, material_scale: float) -> None:
+        self._dynamics.change(gravity, material_scale)
+        if material_scale != self._material_scale:
+            self._state = self._dynamics.renewed(self._state)
+        self._gravity, self._material_scale = gravity, material_scale
+
+    def step(self, count: int = 1) -> StepRecord:
+        """Advance by so many time steps; returns the record of the last.
+
+        Raises:
+            ValueError: the count is not positive.
+        """
+        if count < 1:
+            raise ValueError(f"step count is {count}; it must be at least 1")
+        for _ in range(count):
+            record = self._step()
+        return record
+
+    def _step(self) -> StepRecord:
+        started = time.perf_counter()
+        grabs = self.grabs
+        self._state, tries, outcome = self._attempt(grabs)
+        self._number += 1
+        self.counts[outcome] += 1
+        self.last = StepRecord(
+            self._number,
+            time.perf_counter() - started,
+            sum(solution.iterations for solution in tries),
+            sum(solution.evaluations for solution in tries),
+            tries[-1].reason,
+            tries[-1].gradient_norm,
+            outcome,
+        )
+        return self.last
+
+    def _attempt(self, grabs: list[Grab]) -> tuple[Any, list[Solution], Outcome]:
+        """The next state: in motion, else with what was kept from earlier steps renewed, else from standstill."""
+        dynamics, tries = self._dynamics, list[Solution]()
+        state, solution = dynamics.step(self._state, grabs)
+        tries.append(solution)
+        if solution.reason == Reason.NO_DECREASE and not self._lost(state, solution):
+            other, solution = dynamics.step(dynamics.renewed(self._state), grabs)
+            tries.append(solution)
+            state = other if not self._lost(other, solution) else state
+        if not self._lost(state, solution):
+            return state, tries, Outcome.SOLVED if solution.converged else Outcome.SHORT
+        still = dynamics.still(self._state)
+        state, solution = dynamics.step(still, grabs)
+        tries.append(solution)
+        return (still, tries, Outcome.HELD) if self._lost(state, solution) else (state, tries, Outcome.SLOWED)
+
+    def _lost(self, state: Any, solution: Solution) -> bool:
+        """Whether a step led nowhere, to a state that is not finite, or out of bounds."""
+        return solution.reason == Reason.INFINITE_START or not self._dynamics.extent(state) <= self._limit
+
+    @property
+    def time(self) -> float:
+        """Simulated since the last reset, seconds."""
+        return self._number * self.scene.time_step
+
+    @property
+    def coordinates(self) -> Array:
+        """What describes the shape: q (k,) in a reduced space, u (3n,) in the full one; float64."""
+        return self._dynamics.coordinates(self._state).copy()
+
+    def displacement(self) -> Array:
+        """u of every vertex, (n, 3) float64, metres."""
+        return self._dynamics.displacement(self._state).copy()
+
+    def centroid(self, vertices: NDArray[np.int64]) -> Array:
+        """The mean position of some vertices now, (3,) float64, metres."""
+        rest: Array = self.scene.mesh.vertices[vertices].mean(axis=0)
+        if self.basis is None:
+            u: Array = self.displacement()[vertices].mean(axis=0)
+        else:
+            nodal = self.basis.reshape(self.scene.mesh.n_vertices, 3, -1)
+            u = nodal[vertices].mean(axis=0) @ self._dynamics.coordinates(self._state)
+        return rest + u
+
+    def save(self) -> SavedState:
+        """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""
+        return SavedState(self._state, dict(self._grabs), self._gravity, self._material_scale, self._number)
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a saved state of this run and space.
+
+        Raises:
+            SolverError: it belongs to another space or model, is not finite, or is out of bounds.
+        """
+        present, given = self.coordinates.shape, np.shape(self._safe_coordinates(saved))
+        if present != given:
+            raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
+        if not self._dynamics.extent(saved.state) <= self._limit:
+            raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
+        self._state, self._grabs, self._number = saved.state, dict(saved.grabs), saved.number
+        self._change(saved.gravity, saved.material_scale)
+
+    def _safe_coordinates(self, saved: SavedState) -> Array:
+        if type(saved.state) is not type(self._state):
+            raise SolverError(f"the saved state is of another space than {self.space}")
+        return self._dynamics.coordinates(saved.state)
+
+
+def _vector(value: ArrayLike, name: str, unit: str) -> Array:
+    vector = np.array(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise MotionError(f"{name} is {vector.tolist()}; it must be three finite numbers in {unit}")
+    return vector

@@ -1,0 +1,57 @@
+"""Energy and stress on the surface, for colour."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ldsim.mechanics.elastic import Elements, deformation_gradient
+from ldsim.mechanics.materials import energy_stress
+from ldsim.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+FIELDS = ("energy", "stress")
+
+
+@njit(cache=True, nogil=True)
+def energy_and_stress(elements: Elements, points: NDArray[np.int64], u: Array, values: Array) -> None:
+    """Writes Ψ, J/m³, and the von Mises stress of σ = P Fᵀ / det F, Pa, of the given points into `values` (2, p)."""
+    for i in range(points.shape[0]):
+        s = points[i]
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        values[0, i], P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        J = F[0] * (F[4] * F[8] - F[5] * F[7]) - F[1] * (F[3] * F[8] - F[5] * F[6]) + F[2] * (F[3] * F[7] - F[4] * F[6])
+        xx = (P[0] * F[0] + P[1] * F[1] + P[2] * F[2]) / J
+        yy = (P[3] * F[3] + P[4] * F[4] + P[5] * F[5]) / J
+        zz = (P[6] * F[6] + P[7] * F[7] + P[8] * F[8]) / J
+        xy = (P[0] * F[3] + P[1] * F[4] + P[2] * F[5]) / J
+        xz = (P[0] * F[6] + P[1] * F[7] + P[2] * F[8]) / J
+        yz = (P[3] * F[6] + P[4] * F[7] + P[5] * F[8]) / J
+        deviation = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2 + 6 * (xy * xy + xz * xz + yz * yz)
+        values[1, i] = np.sqrt(0.5 * deviation)
+
+
+class SurfaceField:
+    """Averages over the quadrature points that touch each surface vertex, by volume."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._elements = simulator.scene.elements
+        vertices = simulator.surface.vertices
+        local = np.full(simulator.scene.mesh.n_vertices, -1)
+        local[vertices] = np.arange(len(vertices))
+        nodes = local[self._elements.nodes]
+        self._points = np.flatnonzero((nodes >= 0).any(axis=1))
+        self._nodes = nodes[self._points]
+        self._share = np.where(self._nodes >= 0, self._elements.weights[self._points, None], 0.0)
+        self._total = np.bincount(self._nodes.clip(0).ravel(), self._share.ravel(), len(vertices))
+
+    def __call__(self, field: str, u: Array, material_scale: float) -> Array:
+        """One of `FIELDS` at every surface vertex, (v,), at the displacement u, (n, 3) metres."""
+        values = np.empty((2, len(self._points)))
+        energy_and_stress(self._elements, self._points, u, values)
+        at_points = material_scale * values[FIELDS.index(field)]
+        summed = np.bincount(self._nodes.clip(0).ravel(), (self._share * at_points[:, None]).ravel(), len(self._total))
+        mean: Array = summed / self._total
+        return mean

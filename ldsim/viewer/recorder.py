@@ -1,0 +1,115 @@
+"""Recording grabs to a motion file, and playing one back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, GrabTracker, Motion
+from ldsim.mechanics.recording import write_recording
+from ldsim.simulator import Handle, Simulator
+
+Array = NDArray[np.float64]
+
+
+class Recorder:
+    """One hand on one solid, frame by frame.
+
+    Args:
+        path: the file that a recording is written to; an older one is replaced.
+        stiffness, radius: of every grab, N/m and m.
+        notes: further lines of the file.
+        motion: what can be played back before anything is recorded.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        stiffness: float,
+        radius: float,
+        notes: Mapping[str, str | float],
+        motion: Motion | None = None,
+    ) -> None:
+        self._path, self._stiffness, self._radius, self._notes = path, stiffness, radius, notes
+        self._motion = motion
+        self.recording = self.replaying = False
+        self._frames = 0
+        self._drags: list[Drag] = []
+        self._point: Array | None = None
+        self._target = np.zeros(3)
+        self._targets: list[Array] = []
+        self._tracker: GrabTracker | None = None
+
+    def status(self) -> dict[str, object]:
+        """What the page shows of it."""
+        return {
+            "recording": self.recording,
+            "replaying": self.replaying,
+            "file": self._path.name,
+            "frames": 0 if self._motion is None else self._motion.frames,
+        }
+
+    def record(self, value: bool) -> str:
+        """Start a recording from rest, or end it and write the file; returns what to say."""
+        self.recording, self.replaying = value, False
+        if value:
+            self._frames, self._drags, self._targets, self._point = 0, [], [], None
+            return "recording: pull on the solid"
+        self.release()
+        self._motion = Motion(self._path.stem, self._frames, tuple(self._drags))
+        write_recording(self._path, self._motion, self._notes)
+        return f"{self._path}: {self._frames} frames, {len(self._drags)} pulls"
+
+    def replay(self, value: bool, simulator: Simulator) -> None:
+        """Play the motion from rest from now on, or stop doing so."""
+        if value and self._motion is None:
+            raise MotionError("nothing to play back: record something first, or name a recording with --play")
+        if value:
+            assert self._motion is not None
+            self._tracker = GrabTracker(self._motion, simulator.scene.mesh.vertices, simulator.scene.movable)
+        self.recording, self.replaying, self._frames = False, value, 0
+        simulator.set_grabs([])
+
+    def grab(self, simulator: Simulator, point: Array, target: Array) -> Handle:
+        """Take hold at a point of the deformed solid; a frame after the grab before, whose rows it must not touch."""
+        if self.recording and self._drags and self._drags[-1].stop == self._frames:
+            simulator.step()
+            self._frames += 1
+        handle = simulator.grab(point, target, self._stiffness, self._radius)
+        self._point, self._target = point, target
+        return handle
+
+    def move(self, target: Array) -> None:
+        """The grab pulls to another target from the next frame on."""
+        self._target = target
+
+    def release(self) -> None:
+        """The grab lets go; one that lasted no frame leaves no trace."""
+        if self._point is not None and self._targets:
+            start = self._frames - len(self._targets)
+            self._drags.append(Drag(start, self._point, np.array(self._targets), self._radius, self._stiffness))
+        self._point, self._targets = None, []
+
+    def prepare(self, simulator: Simulator) -> bool:
+        """Before each step: note the frame, or set the grabs of the one played back; false when that ends here."""
+        if self.replaying:
+            return self._play(simulator)
+        if self.recording:
+            if self._point is not None:
+                self._targets.append(self._target)
+            self._frames += 1
+        return True
+
+    def _play(self, simulator: Simulator) -> bool:
+        assert self._motion is not None and self._tracker is not None
+        if self._frames >= self._motion.frames:
+            self.replay(False, simulator)
+            return False
+        u = simulator.displacement() if self._tracker.needs_state(self._frames) else None
+        simulator.set_grabs(self._tracker.grabs(self._frames, u))
+        self._frames += 1
+        return True

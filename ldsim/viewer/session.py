@@ -1,0 +1,321 @@
+"""The stepping behind the page: one thread obeys what the page says, steps at the pace of time, and publishes frames."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import LdsimError
+from ldsim.simulator import Handle, Outcome, Simulator
+from ldsim.viewer import protocol
+from ldsim.viewer.fields import FIELDS, SurfaceField
+from ldsim.viewer.payload import MAX_GRABS, GrabFrame, SpaceFrame, field_bytes, frame_bytes, space_block
+from ldsim.viewer.recorder import Recorder
+from ldsim.viewer.state import Audience, Held, Look, Statistics
+
+Array = NDArray[np.float64]
+
+TICK = 1 / 60
+FIELD_EVERY = 0.1
+# The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
+BUDGET = 0.1
+COLOURS = ("plain", "displacement", *FIELDS)
+OUTCOMES = tuple(Outcome)
+
+
+class Session:
+    """Simulators side by side under one hand.
+
+    Args:
+        open_space: makes the simulator of a space.
+        offered: the spaces that may be shown.
+        first: those shown at the start, already open.
+        recorder: what a recording goes into; None where nothing is recorded.
+    """
+
+    def __init__(
+        self,
+        open_space: Callable[[str], Simulator],
+        offered: Sequence[str],
+        first: Sequence[Simulator],
+        recorder: Recorder | None = None,
+    ) -> None:
+        self._open_space, self.offered = open_space, tuple(offered)
+        self._open = {simulator.space: simulator for simulator in first}
+        self.blocks = {simulator.space: space_block(simulator) for simulator in first}
+        self._shown = list(first)
+        self.recorder = recorder
+        self._field = SurfaceField(first[0])
+        x, y, z = (float(value) for value in first[0].gravity)
+        self.look = Look((x, y, z))
+        self._held: dict[int, Held] = {}
+        self._told: queue.Queue[tuple[int, protocol.Message | None]] = queue.Queue(maxsize=1000)
+        self._watched, self._stopped = threading.Event(), threading.Event()
+        self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
+        self._number, self._simulated = 0, 0.0
+        self._field_time, self._high = 0.0, 0.0
+        self._statistics: list[Statistics] = []
+
+    # What the server calls, from its own thread
+
+    def tell(self, client: int, message: protocol.Message | None) -> bool:
+        """Pass on a message, or with None that a page has left; false where too many wait already."""
+        try:
+            self._told.put_nowait((client, message))
+        except queue.Full:
+            return False
+        return True
+
+    def watch(self, audience: Audience) -> None:
+        """Step, and tell the audience, from now on."""
+        self._audience = audience
+        self._watched.set()
+
+    def unwatch(self) -> None:
+        """Stand still until somebody watches."""
+        self._watched.clear()
+
+    def stop(self) -> None:
+        """End `run`."""
+        self._stopped.set()
+        self._watched.set()
+
+    # The stepping thread
+
+    def run(self) -> None:
+        """Obey, step and publish until stopped."""
+        debt, before = 0.0, time.perf_counter()
+        while not self._stopped.is_set():
+            if not self._watched.is_set():
+                self._watched.wait()
+                before = time.perf_counter()
+            started = time.perf_counter()
+            self.obey()
+            debt += (started - before) * self.look.speed
+            before = started
+            debt = self.advance(debt)
+            self.publish()
+            time.sleep(max(TICK - (time.perf_counter() - started), 0.001))
+
+    def obey(self) -> None:
+        """Do all that was told since the last time."""
+        changed = False
+        while True:
+            try:
+                client, message = self._told.get_nowait()
+            except queue.Empty:
+                break
+            try:
+                changed |= self._do(client, message)
+            except LdsimError as error:
+                self._audience.notice(str(error))
+        if changed:
+            self._audience.status(self.status())
+
+    def advance(self, debt: float) -> float:
+        """Step until the simulated time owed is less than a time step; returns what is still owed."""
+        h, deadline = self._shown[0].scene.time_step, time.perf_counter() + BUDGET
+        if self.look.paused:
+            return 0.0
+        while debt >= h:
+            self.step()
+            debt -= h
+            if time.perf_counter() > deadline:
+                return 0.0
+        return debt
+
+    def step(self) -> None:
+        """One time step in every space shown."""
+        if self.recorder is not None and not self.recorder.prepare(self._shown[0]):
+            self._audience.status(self.status())
+        self._statistics = self._statistics or [Statistics() for _ in self._shown]
+        for simulator, statistics in zip(self._shown, self._statistics, strict=True):
+            record = simulator.step()
+            statistics.seconds.append(record.seconds)
+            statistics.iterations.append(record.iterations)
+            statistics.evaluations.append(record.evaluations)
+            if OUTCOMES.index(record.outcome) > OUTCOMES.index(statistics.worst):
+                statistics.worst = record.outcome
+        self._simulated += self._shown[0].scene.time_step
+
+    def publish(self) -> None:
+        """Send the present frame, and now and then the colours."""
+        self._number += 1
+        spaces = []
+        for i, simulator in enumerate(self._shown):
+            statistics = self._statistics[i] if self._statistics else Statistics([0.0], [0], [0])
+            spaces.append(
+                SpaceFrame(
+                    self._coordinates(simulator),
+                    1e3 * float(np.median(statistics.seconds)),
+                    float(np.mean(statistics.iterations)),
+                    float(np.mean(statistics.evaluations)),
+                    OUTCOMES.index(statistics.worst),
+                    sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
+                )
+            )
+        grabs = [self._grab_frame(key, held) for key, held in self._held.items()]
+        recorder = self.recorder
+        flags = self.look.paused + (0 if recorder is None else 2 * recorder.recording + 4 * recorder.replaying)
+        self._audience.frame(frame_bytes(self._number, self._simulated, self.look.speed, flags, spaces, grabs))
+        self._statistics = []
+        if self.look.colour in FIELDS and time.perf_counter() - self._field_time > FIELD_EVERY:
+            self._publish_fields()
+
+    def _publish_fields(self) -> None:
+        self._field_time = time.perf_counter()
+        fields = [
+            self._field(self.look.colour, simulator.displacement(), simulator.material_scale)
+            for simulator in self._shown
+        ]
+        largest = max(float(np.percentile(values, 99)) for values in fields)
+        self._high = max(largest, 0.98 * self._high)
+        for i, values in enumerate(fields):
+            self._audience.colours(i, field_bytes(i, values, 0.0, self._high))
+
+    def _coordinates(self, simulator: Simulator) -> NDArray[np.float32]:
+        q = simulator.coordinates
+        if simulator.basis is None:
+            q = q.reshape(-1, 3)[simulator.surface.vertices].ravel()
+        return q.astype(np.float32)
+
+    def _grab_frame(self, key: int, held: Held) -> GrabFrame:
+        return GrabFrame(key, held.target, [handle.centroid for handle in held.handles])
+
+    def status(self) -> dict[str, object]:
+        """All that the page shows besides the frames."""
+        look, recorder = self.look, self.recorder
+        return {
+            "kind": "status",
+            "offered": self.offered,
+            "spaces": [simulator.space for simulator in self._shown],
+            "gravity": look.gravity,
+            "stiffness": look.stiffness,
+            "speed": look.speed,
+            "paused": look.paused,
+            "colour": look.colour,
+            "recorder": None if recorder is None else recorder.status(),
+        }
+
+    # Obeying, one method a message
+
+    def _do(self, client: int, message: protocol.Message | None) -> bool:
+        """Do what a message says; returns whether the page's controls show it."""
+        match message:
+            case None:
+                self._leave(client)
+            case protocol.Grab():
+                self._grab(client, message)
+            case protocol.Move(key, target):
+                self._move(key, np.array(target))
+            case protocol.Release(key):
+                self._release(key)
+            case protocol.Gravity(value):
+                self._condition(value, self.look.stiffness)
+            case protocol.Stiffness(value):
+                self._condition(self.look.gravity, min(max(value, 0.01), 100.0))
+            case protocol.Speed(value):
+                self.look.speed = min(max(value, 0.01), 4.0)
+            case protocol.Pause(value):
+                self.look.paused = value
+            case protocol.Step():
+                self.look.paused = True
+                self.step()
+            case protocol.Reset():
+                self._reset()
+            case protocol.Spaces(names):
+                self._show(names)
+            case protocol.Colour(name):
+                self._colour(name)
+            case protocol.Record(value):
+                self._record(value)
+            case protocol.Replay(value):
+                self._replay(value)
+        return not isinstance(message, protocol.Grab | protocol.Move | protocol.Release)
+
+    def _leave(self, client: int) -> None:
+        for key in [key for key, held in self._held.items() if held.client == client]:
+            self._release(key)
+
+    def _grab(self, client: int, message: protocol.Grab) -> None:
+        recorder = self.recorder
+        limit = MAX_GRABS if recorder is None else 1
+        if len(self._held) >= limit or message.id in self._held or (recorder is not None and recorder.replaying):
+            return
+        target, handles = np.array(message.target), list[Handle]()
+        try:
+            for simulator in self._shown:
+                if recorder is None:
+                    handles.append(simulator.grab(message.point, target, at_rest=True))
+                else:
+                    handles.append(recorder.grab(simulator, np.array(message.point), target))
+        except LdsimError:
+            for handle in handles:
+                handle.release()
+            raise
+        self._held[message.id] = Held(client, target, handles)
+
+    def _move(self, key: int, target: Array) -> None:
+        held = self._held.get(key)
+        if held is None:
+            return
+        held.target = target
+        for handle in held.handles:
+            handle.move(target)
+        if self.recorder is not None:
+            self.recorder.move(target)
+
+    def _release(self, key: int) -> None:
+        held = self._held.pop(key, None)
+        for handle in held.handles if held is not None else ():
+            handle.release()
+        if held is not None and self.recorder is not None:
+            self.recorder.release()
+
+    def _condition(self, gravity: protocol.Vector, stiffness: float) -> None:
+        if self.recorder is not None and (self.recorder.recording or self.recorder.replaying):
+            raise LdsimError("gravity and stiffness stay as they are in a recording; its file does not hold them")
+        self.look.gravity, self.look.stiffness = gravity, stiffness
+        for simulator in self._shown:
+            simulator.gravity = self.look.gravity
+            simulator.material_scale = self.look.stiffness
+
+    def _reset(self) -> None:
+        self._held.clear()
+        for simulator in self._shown:
+            simulator.reset()
+        self._simulated, self._statistics, self._high = 0.0, [], 0.0
+
+    def _show(self, names: tuple[str, ...]) -> None:
+        if any(name not in self.offered for name in names) or len(set(names)) < len(names):
+            raise LdsimError(f"spaces {', '.join(names)} asked for; offered are {', '.join(self.offered)}")
+        for name in names:
+            if name not in self._open:
+                self._audience.notice(f"opening the {name} space")
+                self._open[name] = self._open_space(name)
+                self.blocks[name] = space_block(self._open[name])
+        self._shown = [self._open[name] for name in names]
+        self._reset()
+        self._condition(self.look.gravity, self.look.stiffness)
+
+    def _colour(self, name: str) -> None:
+        if name not in COLOURS:
+            raise LdsimError(f"colour {name!r} asked for; known are {', '.join(COLOURS)}")
+        self.look.colour, self._high, self._field_time = name, 0.0, 0.0
+
+    def _record(self, value: bool) -> None:
+        if self.recorder is None:
+            raise LdsimError("nothing is recorded here; `ldsim record` does")
+        self._reset()
+        self._audience.notice(self.recorder.record(value))
+
+    def _replay(self, value: bool) -> None:
+        if self.recorder is None:
+            raise LdsimError("nothing is played back here; `ldsim record` does")
+        self._reset()
+        self.recorder.replay(value, self._shown[0])

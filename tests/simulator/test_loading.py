@@ -1,0 +1,78 @@
+"""From a run's folder to a simulator, and what is refused on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldsim
+from ldsim.errors import ArtefactError
+from ldsim.simulator import load
+from tests.simulator.playable import KP, K, header, solid, write_playable
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_playable(folder, resolution=1)
+    return folder
+
+
+@pytest.fixture
+def own_run(tmp_path: Path) -> Path:
+    write_playable(tmp_path, resolution=1)
+    return tmp_path
+
+
+def test_the_package_loads_a_run() -> None:
+    assert ldsim.load is load
+    with pytest.raises(AttributeError, match="no attribute 'laod'"):
+        ldsim.laod  # noqa: B018
+
+
+@pytest.mark.parametrize(("space", "size"), [("latent", K), ("linear", KP), ("full", None)])
+def test_every_space_of_a_run_is_pulled_towards_the_target(run: Path, space: str, size: int | None) -> None:
+    sim = load(run, space)
+    assert len(sim.coordinates) == (size or 3 * sim.scene.mesh.n_vertices)
+    sim.gravity = (0, 0, 0)
+    tip = sim.surface.rest[sim.surface.rest[:, 0].argmax()]
+    pull = sim.grab(tip, tip + np.array([0, 0.05, 0]))
+    sim.step(20)
+    assert sim.displacement()[pull.vertices, 1].mean() > 1e-3
+    assert sim.time == pytest.approx(20 * sim.scene.time_step)
+
+
+def test_a_smaller_cubature_can_be_asked_for(run: Path) -> None:
+    every, few = load(run), load(run, points=5)
+    assert every.points is not None and few.points is not None
+    assert len(few.points) < len(every.points) == every.scene.points.n_points
+
+
+def test_the_full_space_needs_the_scene_alone(own_run: Path) -> None:
+    for kind in ("basis", "model", "cubature"):
+        (own_run / f"{kind}.h5").unlink()
+    assert load(own_run, "full").step().outcome.name == "SOLVED"
+
+
+@pytest.mark.parametrize(("kind", "stage"), [("scene", "mesh"), ("model", "train"), ("cubature", "cubature")])
+def test_a_run_without_an_artefact_says_which_stage_makes_it(own_run: Path, kind: str, stage: str) -> None:
+    (own_run / f"{kind}.h5").unlink()
+    with pytest.raises(ArtefactError, match=f"{kind}.h5 does not exist; run `ldsim {stage}` first"):
+        load(own_run)
+
+
+def test_an_artefact_of_another_scene_is_refused(own_run: Path) -> None:
+    from ldsim.artefacts.records import write_scene
+
+    write_scene(own_run / "scene.h5", header(own_run, "scene"), solid(1).changed(np.zeros(3), 1.0))
+    with pytest.raises(ArtefactError, match="was made from another scene"):
+        load(own_run)
+
+
+def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(ArtefactError, match="is not the folder of a run"):
+        load(tmp_path / "nothing")
+    with pytest.raises(ArtefactError, match="known are latent, linear, full"):
+        load(run, "latnet")

@@ -1,0 +1,266 @@
+"""The simulator: against the full space and other scenes, branched, mistreated, and soaked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
+from ldsim.errors import MotionError, SceneError, SolverError
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.decoder import Decoder
+from ldsim.simulator import Outcome, Simulator, full_simulator
+from ldsim.solvers.solution import Reason, Solution
+from tests.simulator.playable import curved_decoder, modes, solid
+
+Array = NDArray[np.float64]
+
+BODY = solid(1)
+TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
+UP = np.array([0.0, 0.05, 0.02])
+
+
+def reduced(body: Scene = BODY, decoder: Decoder | None = None, U: Array | None = None, **options: float) -> Simulator:
+    decoder = curved_decoder() if decoder is None else decoder
+    U = modes(body) if U is None else U
+    every = np.arange(body.points.n_points)
+    stepper = ReducedStepper(body, U, decoder, every, body.points.weights, tolerance=1e-9)
+    return Simulator(body, ReducedDynamics(body, stepper), "latent", basis=U, points=every, **options)
+
+
+def every_kind(body: Scene = BODY) -> list[Simulator]:
+    return [reduced(body), reduced(body, Decoder.identity(9)), full_simulator(body, 1e-9)]
+
+
+kinds = pytest.mark.parametrize("kind", range(3), ids=["latent", "linear", "full"])
+
+
+def unit_basis(body: Scene) -> Array:
+    U = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
+    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
+    U[rows, np.arange(len(rows))] = 1
+    return U
+
+
+def test_a_grab_in_a_complete_linear_space_does_what_it_does_in_the_full_space() -> None:
+    U = unit_basis(BODY)
+    linear, full = reduced(U=U, decoder=Decoder.identity(U.shape[1])), full_simulator(BODY, 1e-9)
+    for simulator in (linear, full):
+        first = simulator.grab(TIP, TIP + UP, stiffness=40, radius=0.03)
+        simulator.grab(TIP - [0.1, 0, 0], TIP - [0.1, 0.03, 0], stiffness=20)
+        simulator.step(3)
+        first.move(TIP - UP)
+        simulator.step(3)
+        first.release()
+        assert simulator.step(2).outcome == Outcome.SOLVED
+    np.testing.assert_allclose(linear.displacement(), full.displacement(), atol=1e-7)
+    assert np.abs(full.displacement()).max() > 5e-3
+
+
+@kinds
+def test_gravity_that_is_set_is_the_gravity_of_another_scene(kind: int) -> None:
+    gravity = np.array([3.0, -1.0, 20.0])
+    other, changed = every_kind(replace(BODY, gravity=gravity))[kind], every_kind()[kind]
+    changed.gravity = gravity
+    other.step(4)
+    changed.step(4)
+    np.testing.assert_allclose(changed.displacement(), other.displacement(), atol=1e-8)
+    assert np.abs(every_kind()[kind].displacement() - other.displacement()).max() > 1e-3
+
+
+@kinds
+def test_a_material_scale_that_is_set_is_the_material_of_another_scene(kind: int) -> None:
+    other, changed = every_kind(replace(BODY, mu=0.2 * BODY.mu, lam=0.2 * BODY.lam))[kind], every_kind()[kind]
+    changed.step()
+    changed.reset()
+    changed.material_scale = 0.2
+    other.step(8)
+    changed.step(8)
+    np.testing.assert_allclose(changed.displacement(), other.displacement(), atol=1e-8)
+    changed.material_scale = 1.0
+    changed.reset()
+    changed.step(8)
+    assert np.abs(changed.displacement() - other.displacement()).max() > 1e-4
+
+
+@kinds
+def test_a_restored_state_continues_as_it_did(kind: int) -> None:
+    simulator = every_kind()[kind]
+    handle = simulator.grab(TIP, TIP + UP, stiffness=40)
+    simulator.step(3)
+    saved = simulator.save()
+    simulator.step(4)
+    expected = simulator.displacement()
+    handle.release()
+    simulator.gravity = (0, 0, 0)
+    simulator.material_scale = 5.0
+    simulator.step(3)
+    for _ in range(2):
+        simulator.restore(saved)
+        simulator.step(4)
+        np.testing.assert_allclose(simulator.displacement(), expected, atol=1e-10)
+
+
+def test_what_is_restored_must_be_of_this_space_and_sane() -> None:
+    latent, linear, full = every_kind()
+    with pytest.raises(SolverError, match="of another space than latent"):
+        latent.restore(full.save())
+    with pytest.raises(SolverError, match="has coordinates"):
+        latent.restore(reduced(U=modes(BODY, 6), decoder=curved_decoder(6)).save())
+    for bad in (np.nan, 1e6):
+        state = replace(linear.save().state, q=np.full(9, bad))
+        with pytest.raises(SolverError, match="not finite or more than"):
+            linear.restore(replace(linear.save(), state=state))
+
+
+def test_a_step_out_of_bounds_is_not_taken_and_told() -> None:
+    simulator = reduced(bound=1e-3)
+    simulator.step(30)
+    assert simulator.last is not None and simulator.last.outcome == Outcome.HELD
+    assert "restore or reset" in simulator.last.message
+    assert simulator.counts[Outcome.HELD] > 0
+    held = simulator.displacement()
+    simulator.step()
+    np.testing.assert_array_equal(simulator.displacement(), held)
+    simulator.gravity = (0, 0, 0)
+    assert simulator.step().outcome == Outcome.SOLVED
+    simulator.reset()
+    assert not simulator.displacement().any() and simulator.last is None and simulator.counts[Outcome.HELD] == 0
+
+
+class Reluctant(Dynamics[ReducedState]):
+    """Ends its first steps for the given reasons before it goes on as another."""
+
+    def __init__(self, other: Dynamics[ReducedState], reasons: list[Reason]) -> None:
+        self._other, self._reasons = other, reasons
+        self.at_rest, self.still, self.renewed = other.at_rest, other.still, other.renewed  # type: ignore[method-assign]
+        self.coordinates, self.displacement = other.coordinates, other.displacement  # type: ignore[method-assign]
+        self.extent, self.change = other.extent, other.change  # type: ignore[method-assign]
+
+    def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
+        advanced, solution = self._other.step(state, grabs)
+        return advanced, replace(solution, reason=self._reasons.pop(0)) if self._reasons else solution
+
+    at_rest = still = renewed = coordinates = displacement = extent = change = None  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize(
+    ("reasons", "outcome"),
+    [
+        ([Reason.NO_DECREASE], Outcome.SOLVED),
+        ([Reason.NO_DECREASE, Reason.NO_DECREASE], Outcome.SHORT),
+        ([Reason.ITERATIONS_SPENT], Outcome.SHORT),
+        ([Reason.INFINITE_START], Outcome.SLOWED),
+        ([Reason.INFINITE_START, Reason.INFINITE_START], Outcome.HELD),
+    ],
+)
+def test_a_step_that_fails_is_tried_again_before_it_is_given_up(reasons: list[Reason], outcome: Outcome) -> None:
+    plain = reduced()
+    simulator = Simulator(BODY, Reluctant(plain._dynamics, reasons), "latent")
+    record = simulator.step()
+    assert record.outcome == outcome
+    assert (record.message == "") == (outcome == Outcome.SOLVED)
+    assert np.isfinite(simulator.displacement()).all()
+    assert simulator.step().outcome == Outcome.SOLVED
+
+
+def test_grabs_far_outside_everything_leave_the_state_finite_and_bounded() -> None:
+    rng = np.random.default_rng(5)
+    simulator = reduced()
+    soak(simulator, rng, 2000)
+    assert sum(simulator.counts.values()) == 2000
+    simulator.reset()
+    assert simulator.step().outcome == Outcome.SOLVED
+
+
+def soak(simulator: Simulator, rng: np.random.Generator, steps: int) -> None:
+    """Random grabs with targets up to a hundred diagonals away, as stiff as steel, let go at random."""
+    diagonal = simulator.scene.mesh.diagonal
+    movable = simulator.scene.mesh.vertices[simulator.scene.free]
+    handles = []
+    for _ in range(0, steps, 10):
+        if handles and rng.random() < 0.5:
+            handles.pop(int(rng.integers(len(handles)))).release()
+        if len(handles) < 3 and rng.random() < 0.6:
+            point, far = rng.choice(movable), diagonal * 10 ** rng.uniform(-1, 2)
+            target = point + far * rng.normal(size=3)
+            handles.append(simulator.grab(point, target, 10 ** rng.uniform(0, 6), at_rest=True))
+        simulator.gravity = rng.normal(size=3) * 10 ** rng.uniform(0, 3)
+        simulator.material_scale = 10 ** rng.uniform(-1, 1)
+        simulator.step(10)
+        u = simulator.displacement()
+        assert np.isfinite(u).all()
+        mean_square = np.vdot(u, simulator.scene.mass @ u) / simulator.scene.mass.sum()
+        assert np.sqrt(mean_square) <= 3 * diagonal * (1 + 1e-9)
+
+
+def test_a_grab_holds_the_same_vertices_from_rest_in_every_space_and_state() -> None:
+    held = []
+    for simulator in every_kind():
+        simulator.step(5)
+        held.append(simulator.grab(TIP, TIP + UP, at_rest=True).vertices)
+    for vertices in held:
+        np.testing.assert_array_equal(vertices, held[0])
+
+
+def test_bad_values_are_refused_in_words() -> None:
+    simulator = reduced()
+    for point, target, words in (
+        ((9, 9, 9), TIP, "hits no vertex"),
+        (BODY.mesh.vertices[0], (np.nan, 0, 0), "three finite numbers in m"),
+        ((1, 2), TIP, "three finite numbers in m"),
+    ):
+        with pytest.raises(MotionError, match=words):
+            simulator.grab(point, target)
+    with pytest.raises(MotionError, match="only pinned vertices"):
+        simulator.grab(BODY.mesh.vertices[BODY.pinned][0], TIP, radius=0.0)
+    with pytest.raises(MotionError, match="stiffness must be positive"):
+        simulator.grab(TIP, TIP, stiffness=-1.0)
+    with pytest.raises(SceneError, match="material scale is 0"):
+        simulator.material_scale = 0.0
+    with pytest.raises(MotionError, match="gravity"):
+        simulator.gravity = (0, np.inf, 0)
+    with pytest.raises(ValueError, match="at least 1"):
+        simulator.step(0)
+
+
+@kinds
+def test_a_handle_tells_where_what_it_holds_is(kind: int) -> None:
+    simulator = every_kind()[kind]
+    handle = simulator.grab(TIP, TIP + UP, radius=0.06)
+    simulator.step(5)
+    moved = BODY.mesh.vertices + simulator.displacement()
+    np.testing.assert_allclose(handle.centroid, moved[handle.vertices].mean(axis=0), atol=1e-14)
+
+
+def test_a_handle_that_was_released_says_so() -> None:
+    simulator = reduced()
+    handle = simulator.grab(TIP, TIP + UP)
+    handle.release()
+    handle.release()
+    with pytest.raises(MotionError, match="was released"):
+        handle.move(TIP)
+    other = simulator.grab(TIP, TIP + UP)
+    simulator.reset()
+    with pytest.raises(MotionError, match="was released"):
+        other.move(TIP)
+
+
+def test_the_surface_is_closed_and_looks_outward() -> None:
+    surface = full_simulator(BODY).surface
+    corners = surface.rest[surface.triangles]
+    volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    np.testing.assert_allclose(volume, BODY.points.weights.sum(), rtol=1e-12)
+    np.testing.assert_array_equal(surface.rest, BODY.mesh.vertices[surface.vertices])
+
+
+def test_full_dynamics_tell_how_far_the_solid_is() -> None:
+    dynamics = FullDynamics(BODY, 1e-6)
+    state = replace(dynamics.at_rest(), u=np.full((BODY.mesh.n_vertices, 3), 0.1))
+    np.testing.assert_allclose(dynamics.extent(state), np.sqrt(0.03), rtol=1e-12)
