@@ -1,0 +1,178 @@
+"""The incremental potential of many instances of one reduced model at once: value, gradient and exact Hessian.
+
+    E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
+
+as `dynamics.reduced_potential` has it (paper, Eq. 12), with grabs, gravity and material of each instance's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ldsim.dynamics.batched.decoder import BatchedDecoder
+from ldsim.dynamics.batched.materials import BY_NUMBER, Material
+from ldsim.dynamics.reduced_model import reduced_mass, strain_maps
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.decoder import Decoder
+
+Array = NDArray[np.float64]
+
+
+class Conditions(NamedTuple):
+    """What acts on each of n instances in a step, g springs each.
+
+    B (n, g, 3, k) and centre (n, g, 3), m: the centroid of what a grab holds is centre + B q. target (n, g, 3), m.
+    stiffness (n, g), N/m; zero for no grab. gravity (n, 3), m/s². mu, lam (n,): factors of the scene's Lamé parameters;
+    the same factor in both scales Young's modulus.
+    """
+
+    B: Tensor
+    centre: Tensor
+    target: Tensor
+    stiffness: Tensor
+    gravity: Tensor
+    mu: Tensor
+    lam: Tensor
+
+    def of(self, instances: Tensor | slice) -> Conditions:
+        """Those of some instances."""
+        return Conditions(*(values[instances] for values in self))
+
+
+class Part(NamedTuple):
+    """Cubature points of one material."""
+
+    material: Material
+    points: slice
+
+
+@dataclass(frozen=True, eq=False)
+class BatchedModel:
+    """A reduced model on tensors; its points are sorted by material.
+
+    Attributes:
+        G: ∂F/∂q of every point, (9, k, c), 1/m.
+        weights (c,) m³; mu, lam (c,) Pa.
+        inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
+    """
+
+    decoder: BatchedDecoder
+    parts: tuple[Part, ...]
+    G: Tensor
+    weights: Tensor
+    mu: Tensor
+    lam: Tensor
+    inertia: Tensor
+    weight: Tensor
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        U: Array,
+        decoder: Decoder,
+        points: NDArray[np.int64],
+        weights: Array,
+        device: torch.device,
+        dtype: torch.dtype,
+    ) -> BatchedModel:
+        def tensor(values: Array) -> Tensor:
+            return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
+
+        elements = scene.elements
+        order = np.argsort(elements.kind[points], kind="stable")
+        points, weights = points[order], np.asarray(weights)[order]
+        kinds, starts = np.unique(elements.kind[points], return_index=True)
+        stops = [*starts[1:], len(points)]
+        maps = strain_maps(scene, U, points).reshape(U.shape[1], len(points), 9)
+        loads = scene.mass.sum(axis=1) * scene.movable
+        return cls(
+            BatchedDecoder.of(decoder, device, dtype),
+            tuple(
+                Part(BY_NUMBER[int(kind)], slice(int(start), int(stop)))
+                for kind, start, stop in zip(kinds, starts, stops, strict=True)
+            ),
+            tensor(maps.transpose(2, 0, 1)),
+            tensor(weights),
+            tensor(elements.mu[points]),
+            tensor(elements.lam[points]),
+            tensor(reduced_mass(scene, U) / scene.time_step**2),
+            tensor(np.einsum("v,vik->ik", loads, U.reshape(scene.mesh.n_vertices, 3, -1))),
+        )
+
+    def _strains(self, q: Tensor) -> Tensor:
+        """F of every point, (3, 3, n, c)."""
+        F = torch.matmul(q, self.G)
+        F[::4] += 1
+        return F.reshape(3, 3, *F.shape[1:])
+
+    def _parts(self, conditions: Conditions) -> Iterator[tuple[Material, slice, Tensor, Tensor]]:
+        """Each material with its points and their moduli in every instance, (n, c)."""
+        for material, points in self.parts:
+            yield (
+                material,
+                points,
+                conditions.mu[:, None] * self.mu[points],
+                conditions.lam[:, None] * self.lam[points],
+            )
+
+    def _stresses(self, conditions: Conditions, F: Tensor) -> Tensor:
+        """w P of every point, (9, n, c)."""
+        parts = [material.stress(F[..., at], mu, lam) for material, at, mu, lam in self._parts(conditions)]
+        return (torch.cat(parts, dim=-1) * self.weights).flatten(0, 1)
+
+    def _force(self, conditions: Conditions, predictor: Tensor, q: Tensor, F: Tensor) -> Tensor:
+        """∂E/∂q, (n, k), N."""
+        elastic = torch.matmul(self._stresses(conditions, F), self.G.transpose(1, 2)).sum(0)
+        springs = torch.einsum("ng,ngi,ngik->nk", conditions.stiffness, self._pulls(conditions, q), conditions.B)
+        return (q - predictor) @ self.inertia - conditions.gravity @ self.weight + elastic + springs
+
+    @staticmethod
+    def _pulls(conditions: Conditions, q: Tensor) -> Tensor:
+        """c(q) − target of every spring, (n, g, 3), m."""
+        return conditions.centre - conditions.target + torch.einsum("ngik,nk->ngi", conditions.B, q)
+
+    def value_gradient(self, conditions: Conditions, predictor: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
+        """E(z), J, (n,), and its gradient, N, (n, r); E is infinite, never NaN, where it is not defined.
+
+        Args:
+            predictor: q̂ = 2qₙ − qₙ₋₁, (n, k).
+        """
+        q, outputs = self.decoder.forward(z)
+        F, offset = self._strains(q), q - predictor
+        value = 0.5 * (offset @ self.inertia * offset).sum(1) - ((conditions.gravity @ self.weight) * q).sum(1)
+        value = value + 0.5 * (conditions.stiffness * (self._pulls(conditions, q) ** 2).sum(2)).sum(1)
+        for material, at, mu, lam in self._parts(conditions):
+            value = value + material.density(F[..., at], mu, lam) @ self.weights[at]
+        gradient, _ = self.decoder.pull_back(outputs, self._force(conditions, predictor, q, F))
+        return torch.where(value < torch.inf, value, torch.inf), gradient
+
+    def hessian(self, conditions: Conditions, predictor: Tensor, z: Tensor) -> Tensor:
+        """∂²E/∂z², (n, r, r): exact, the decoder's second derivative included, and not clamped."""
+        at = self.decoder.tangents(z)
+        J, F = at.jacobian, self._strains(at.q)
+        X = torch.matmul(J, self.G[:, None]).reshape(3, 3, *J.shape[:2], -1)
+        T = torch.cat(
+            [
+                material.tangent(F[..., None, part], X[..., part], mu[:, None], lam[:, None])
+                for material, part, mu, lam in self._parts(conditions)
+            ],
+            dim=-1,
+        )
+        H = torch.matmul((T * self.weights).flatten(0, 1), X.flatten(0, 1).transpose(-1, -2)).sum(0)
+        BJ = torch.einsum("ngik,nrk->ngir", conditions.B, J)
+        H = H + J @ self.inertia @ J.transpose(1, 2)
+        H = H + torch.einsum("ng,ngia,ngib->nab", conditions.stiffness, BJ, BJ)
+        H = H + self.decoder.curvature(at, self._force(conditions, predictor, at.q, F))
+        return 0.5 * (H + H.transpose(1, 2))
+
+    def virtual_work(self, conditions: Conditions, predictor: Tensor, q: Tensor, y: Tensor) -> Tensor:
+        """Σ over instances of y · ∂E/∂q at q, J; differentiable in all that acts."""
+        return (y * self._force(conditions, predictor, q, self._strains(q))).sum()

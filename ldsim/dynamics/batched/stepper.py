@@ -1,0 +1,223 @@
+"""Thousands of instances of one reduced model, stepped together and differentiable through the converged step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ldsim.dynamics.batched.newton import BatchedSolution, minimise
+from ldsim.dynamics.batched.potential import BatchedModel, Conditions
+from ldsim.dynamics.reduced_model import ReducedState
+from ldsim.errors import SolverError
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.decoder import Decoder
+from ldsim.solvers.solution import Reason
+
+Array = NDArray[np.float64]
+
+# Numbers in the largest temporary, (9, n, r, c), above which a batch is taken in pieces: on a CPU what its caches hold.
+LARGEST_TEMPORARY = {"cpu": 1 << 19, "cuda": 1 << 26}
+DTYPES = (torch.float64, torch.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class BatchedState:
+    """All that the next step of n instances depends on: `ReducedState` for a batch.
+
+    Attributes:
+        z, z_previous: latent coordinates of the last two frames, (n, r).
+        q, q_previous: outer coordinates of the last two frames, (n, k).
+    """
+
+    z: Tensor
+    z_previous: Tensor
+    q: Tensor
+    q_previous: Tensor
+
+    def detached(self) -> BatchedState:
+        """The same numbers, without the history that gradients flow through."""
+        return BatchedState(self.z.detach(), self.z_previous.detach(), self.q.detach(), self.q_previous.detach())
+
+    def of(self, instances: Tensor | slice) -> BatchedState:
+        """The state of some instances."""
+        return BatchedState(*(getattr(self, entry.name)[instances] for entry in fields(self)))
+
+    def serial(self, instance: int) -> ReducedState:
+        """One instance, for `ReducedStepper`."""
+        return ReducedState(
+            *(getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self))
+        )
+
+
+class BatchedStepper:
+    """Steps n instances of a scene in the space u = U φ(z), each with grabs, gravity and material of its own.
+
+    The potential, the stop rule and the acceptance of a step are those of `ReducedStepper`; the minimiser is Newton's
+    method with the exact Hessian, so both agree to the tolerance. Gradients flow from the new state to the previous
+    one, and to targets, stiffness, gravity and moduli: by the implicit function theorem, dz = −H⁻¹ ∂(∇E), so a step
+    backwards costs one solve with the r × r Hessian, not the iterations.
+
+    Args:
+        points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
+        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N. Single precision does not reach the default; 1e-3 is a
+            start, and where it is too little the step ends with `NO_DECREASE` at the best point found.
+        device: "cpu", "cuda", or "cuda:1" and so on.
+        piece: instances in one piece of work; None for as many as the device's memory serves best.
+
+    Raises:
+        SolverError: the type is neither float32 nor float64, or the device is not there.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        U: Array,
+        decoder: Decoder,
+        points: NDArray[np.int64],
+        weights: Array,
+        *,
+        tolerance: float = 1e-8,
+        max_iterations: int = 100,
+        device: str = "cpu",
+        dtype: torch.dtype = torch.float64,
+        piece: int | None = None,
+    ) -> None:
+        if dtype not in DTYPES:
+            raise SolverError(f"batched stepping in {dtype}; allowed are torch.float64 and torch.float32")
+        if torch.device(device).type == "cuda" and not torch.cuda.is_available():
+            raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
+        self.device, self.dtype = torch.device(device), dtype
+        self.model = BatchedModel.of(scene, U, decoder, points, weights, self.device, dtype)
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+        room = LARGEST_TEMPORARY.get(self.device.type, LARGEST_TEMPORARY["cpu"])
+        self.piece = max(piece or room // (9 * decoder.r * max(len(points), 1)), 1)
+        self._vertices = scene.mesh.vertices
+        self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
+        self._gravity = self.tensor(scene.gravity)
+
+    def tensor(self, values: object) -> Tensor:
+        """Numbers as a tensor of this stepper's type on its device."""
+        return torch.as_tensor(values, dtype=self.dtype, device=self.device)
+
+    def at_rest(self, n: int) -> BatchedState:
+        """n instances at rest."""
+        r, k = self.model.decoder.r, self.model.decoder.k
+        z, q = self.tensor(np.zeros((n, r))), self.tensor(np.zeros((n, k)))
+        return BatchedState(z, z, q, q)
+
+    def state(self, states: Sequence[ReducedState]) -> BatchedState:
+        """A batch of serial states."""
+        names = [entry.name for entry in fields(BatchedState)]
+        return BatchedState(*(self.tensor(np.stack([getattr(s, name) for s in states])) for name in names))
+
+    def conditions(self, grabs: Sequence[Sequence[Grab]]) -> Conditions:
+        """What acts on one instance for each entry of `grabs`, with the scene's gravity and material.
+
+        Change them with `_replace`: `conditions._replace(target=…, gravity=…)`.
+        """
+        n, most, k = len(grabs), max((len(some) for some in grabs), default=0), self._U.shape[2]
+        known: dict[int, tuple[Array, Array]] = {}
+        B, centre = np.zeros((n, most, 3, k)), np.zeros((n, most, 3))
+        target, stiffness = np.zeros((n, most, 3)), np.zeros((n, most))
+        for i, some in enumerate(grabs):
+            for j, grab in enumerate(some):
+                if id(grab.vertices) not in known:
+                    held = grab.vertices
+                    known[id(held)] = self._U[held].mean(axis=0), self._vertices[held].mean(axis=0)
+                B[i, j], centre[i, j] = known[id(grab.vertices)]
+                target[i, j], stiffness[i, j] = grab.target, grab.stiffness
+        ones = self.tensor(np.ones(n))
+        springs = [self.tensor(values) for values in (B, centre, target, stiffness)]
+        return Conditions(springs[0], springs[1], springs[2], springs[3], self._gravity.expand(n, 3), ones, ones)
+
+    def step(self, state: BatchedState, conditions: Conditions) -> tuple[BatchedState, BatchedSolution]:
+        """Advance every instance by one time step; the given state is unchanged.
+
+        An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
+        lets no gradient through; the others do not notice.
+        """
+        records: list[BatchedSolution] = []
+        predictor = 2 * state.q - state.q_previous
+        z = _Step.apply(self, records, state.z.detach(), state.z_previous.detach(), predictor, *conditions)  # type: ignore[no-untyped-call]
+        q = self.model.decoder(z)
+        stayed = (records[0].reason == int(Reason.INFINITE_START))[:, None]
+        q = torch.where(stayed, state.q.detach(), q)
+        return BatchedState(z, state.z, q, state.q), records[0]
+
+    def displacement(self, state: BatchedState, vertices: NDArray[np.int64]) -> Tensor:
+        """u = U q of some vertices, (n, v, 3), metres; differentiable."""
+        return torch.einsum("vik,nk->nvi", self.tensor(self._U[vertices]), state.q)
+
+    def solve(
+        self, z: Tensor, z_previous: Tensor, predictor: Tensor, conditions: Conditions
+    ) -> tuple[Tensor, BatchedSolution]:
+        """The minimisers of one step, piece by piece."""
+        done: list[tuple[Tensor, BatchedSolution]] = []
+        for first in range(0, len(z), self.piece):
+            some = slice(first, first + self.piece)
+            start = 2 * z[some] - z_previous[some]
+            done.append(
+                minimise(
+                    self.model, conditions.of(some), predictor[some], start, z[some],
+                    self.tolerance, self.max_iterations,
+                )
+            )  # fmt: skip
+        names = [entry.name for entry in fields(BatchedSolution)]
+        record = BatchedSolution(*(torch.cat([getattr(part, name) for _, part in done]) for name in names))
+        return torch.cat([part for part, _ in done]), record
+
+    def adjoint(self, z: Tensor, predictor: Tensor, conditions: Conditions, gradient: Tensor) -> Tensor:
+        """J H⁻¹ ∂L/∂z, (n, k): how far each instance's q gives way to the loss's pull on z; ∂L/∂z is (n, r)."""
+        ways: list[Tensor] = []
+        for first in range(0, len(z), self.piece):
+            some = slice(first, first + self.piece)
+            H = self.model.hessian(conditions.of(some), predictor[some], z[some])
+            solved, _ = torch.linalg.solve_ex(H, gradient[some, :, None])
+            ways.append(torch.einsum("nrk,nr->nk", self.model.decoder.tangents(z[some]).jacobian, solved[:, :, 0]))
+        return torch.cat(ways)
+
+
+class _Step(torch.autograd.Function):
+    """z* = argmin E(z; q̂, conditions) with its derivative by the implicit function theorem."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        stepper: BatchedStepper,
+        records: list[BatchedSolution],
+        z: Tensor,
+        z_previous: Tensor,
+        predictor: Tensor,
+        *conditions: Tensor,
+    ) -> Tensor:
+        solved, record = stepper.solve(z, z_previous, predictor, Conditions(*conditions))
+        records.append(record)
+        ctx.stepper = stepper
+        ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *conditions)
+        return solved
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        stepper: BatchedStepper = ctx.stepper
+        z, lost, *saved = ctx.saved_tensors
+        wanted = ctx.needs_input_grad[4:]
+        if not any(wanted):
+            return (None,) * (4 + len(saved))
+        predictor, conditions = saved[0], Conditions(*saved[1:])
+        y = stepper.adjoint(z, predictor, conditions, gradient)
+        y = torch.where(lost[:, None], 0.0, y)
+        with torch.enable_grad():
+            inputs = [value.detach().requires_grad_(need) for value, need in zip(saved, wanted, strict=True)]
+            q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
+            work = stepper.model.virtual_work(Conditions(*inputs[1:]), inputs[0], q, y)
+            found = iter(torch.autograd.grad(-work, [value for value in inputs if value.requires_grad]))
+        return (None, None, None, None, *(next(found) if need else None for need in wanted))

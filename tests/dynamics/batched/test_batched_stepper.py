@@ -1,0 +1,250 @@
+"""Batched stepping: against the serial stepper, instance by instance, and its gradients against finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ldsim.dynamics.batched import BatchedState, BatchedStepper, Conditions
+from ldsim.dynamics.batched.newton import newton_direction
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.errors import SolverError
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.pca import inner_product, orthonormalised
+from ldsim.solvers.solution import Reason
+from tests.helpers import derivative_order, scene
+
+Array = NDArray[np.float64]
+
+DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
+K, R = 6, 3
+
+
+@cache
+def body(material: str = "neo_hookean") -> Scene:
+    return scene(beam(resolution=1), material=material, youngs_modulus=3e4)
+
+
+@cache
+def basis(body: Scene) -> Array:
+    """Smooth displacements, mass-orthonormal, (3n, K)."""
+    x, rng = body.mesh.vertices, np.random.default_rng(0)
+    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
+    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + 5 * x @ rng.normal(size=(3, 3))) for i in range(K)]
+    held = [np.where(body.pinned[:, None], 0.0, field).ravel() for field in fields]
+    return orthonormalised(np.stack(held, axis=1), inner_product(body.mass, "mass"))
+
+
+def curved(activation: str = "elu") -> Decoder:
+    rng = np.random.default_rng(1)
+    weights = [rng.normal(size=(R, 8)), 0.5 * rng.normal(size=(8, 7)), 0.05 * rng.normal(size=(7, K))]
+    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(K)[:, :R])
+
+
+DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh")}
+
+
+# Every material in a latent space, every decoder with one material.
+CASES = {f"{material} elu": (material, DECODERS["elu"]) for material in MATERIALS}
+CASES |= {f"neo_hookean {name}": ("neo_hookean", decoder) for name, decoder in DECODERS.items()}
+
+
+def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, NDArray[np.int64], Array]:
+    return some, basis(some), decoder, np.arange(some.points.n_points), some.points.weights
+
+
+def batched(some: Scene, decoder: Decoder, **options: object) -> BatchedStepper:
+    return BatchedStepper(*ingredients(some, decoder), **options)  # type: ignore[arg-type]
+
+
+def pulls(some: Scene, seed: int) -> list[Grab]:
+    """One or two grabs of the free end."""
+    rng = np.random.default_rng(seed)
+    tips = np.argsort(some.mesh.vertices[:, 0])[-4:]
+    chosen = [tips, tips[:2]][: 1 + seed % 2]
+    return [Grab(v, some.mesh.vertices[v].mean(axis=0) + 0.06 * rng.normal(size=3), 20.0 + 30 * seed) for v in chosen]
+
+
+def march(stepper: BatchedStepper, conditions: Conditions, frames: int) -> BatchedState:
+    state = stepper.at_rest(len(conditions.mu))
+    for _ in range(frames):
+        state, solution = stepper.step(state, conditions)
+        assert solution.converged.all()
+    return state
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("material", "decoder"), CASES.values(), ids=CASES)
+def test_fifty_frames_of_different_grabs_are_those_of_the_serial_stepper(
+    material: str, decoder: Decoder, device: str
+) -> None:
+    grabs = [pulls(body(material), seed) for seed in range(3)]
+    stepper = batched(body(material), decoder, tolerance=1e-9, device=device, piece=2)
+    state = march(stepper, stepper.conditions(grabs), 50)
+    serial = ReducedStepper(*ingredients(body(material), decoder), tolerance=1e-9, current=True)
+    for i, some in enumerate(grabs):
+        expected = ReducedState.at_rest(decoder)
+        for _ in range(50):
+            expected, solution = serial.step(expected, some)
+            assert solution.converged
+        np.testing.assert_allclose(state.serial(i).q, expected.q, atol=1e-8)
+
+
+def test_single_precision_follows_double_precision() -> None:
+    grabs = [pulls(body(), seed) for seed in range(3)]
+    fine, coarse = batched(body(), curved()), batched(body(), curved(), dtype=torch.float32, tolerance=1e-4)
+    expected = march(fine, fine.conditions(grabs), 20).q
+    found = coarse.at_rest(3)
+    for _ in range(20):
+        found, _ = coarse.step(found, coarse.conditions(grabs))
+    assert found.q.dtype == torch.float32
+    np.testing.assert_allclose(found.q, expected, atol=1e-3 * float(expected.abs().max()))
+
+
+def test_a_softer_material_and_another_gravity_are_those_of_another_scene() -> None:
+    other = scene(beam(resolution=1), youngs_modulus=1.5e4, gravity=(0.0, 0.0, 4.0))
+    reference, stepper = batched(other, curved()), batched(body(), curved())
+    conditions = stepper.conditions([pulls(body(), 1)])
+    changed = conditions._replace(mu=conditions.mu / 2, lam=conditions.lam / 2, gravity=stepper.tensor([[0, 0, 4.0]]))
+    expected = march(reference, reference.conditions([pulls(body(), 1)]), 10)
+    np.testing.assert_allclose(march(stepper, changed, 10).q, expected.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("piece", [None, 2], ids=["in one piece", "in pieces"])
+def test_an_instance_moves_as_it_does_alone(piece: int | None) -> None:
+    stepper = batched(body(), curved(), piece=piece)
+    conditions = stepper.conditions([pulls(body(), seed) for seed in range(5)])
+    together = march(stepper, conditions, 10)
+    for i in range(5):
+        alone = march(stepper, conditions.of(slice(i, i + 1)), 10)
+        np.testing.assert_allclose(together.z[i], alone.z[0], rtol=0, atol=1e-9)
+
+
+def test_a_lost_instance_is_reported_and_spoils_neither_the_others_nor_their_gradients() -> None:
+    stepper = batched(body(), Decoder.identity(K))
+    conditions = stepper.conditions([pulls(body(), seed) for seed in range(3)])
+    healthy = march(stepper, conditions, 3)
+    inverted = 1e3 * torch.ones(K, dtype=torch.float64)
+    states = [healthy.serial(0), ReducedState(*[inverted.numpy()] * 4), healthy.serial(2)]
+    factor = torch.ones((), dtype=torch.float64, requires_grad=True)
+    state, solution = stepper.step(stepper.state(states), conditions._replace(mu=conditions.mu * factor))
+    assert solution.lost.tolist() == [1]
+    assert solution.reason.tolist() == [Reason.CONVERGED, Reason.INFINITE_START, Reason.CONVERGED]
+    np.testing.assert_array_equal(state.q[1].detach(), inverted)
+    state.q.sum().backward()
+    alone = torch.ones((), dtype=torch.float64, requires_grad=True)
+    kept = torch.tensor([0, 2])
+    some, _ = stepper.step(healthy.of(kept), conditions.of(kept)._replace(mu=conditions.mu[kept] * alone))
+    some.q.sum().backward()
+    np.testing.assert_allclose(state.q[kept].detach(), some.q.detach(), atol=1e-9)
+    assert float(factor.grad) == pytest.approx(float(alone.grad), rel=1e-6)
+
+
+def test_no_step_raises_the_potential_of_its_start() -> None:
+    stepper = batched(body(), curved(), max_iterations=1)
+    conditions = stepper.conditions([pulls(body(), seed) for seed in range(6)])
+    state = stepper.at_rest(6)
+    for _ in range(5):
+        predictor, start = 2 * state.q - state.q_previous, 2 * state.z - state.z_previous
+        before, _ = stepper.model.value_gradient(conditions, predictor, start)
+        state, solution = stepper.step(state, conditions)
+        assert (solution.value <= before).all()
+
+
+def test_iterations_that_run_out_are_reported() -> None:
+    stepper = batched(body(), curved(), max_iterations=1)
+    _, solution = stepper.step(stepper.at_rest(1), stepper.conditions([pulls(body(), 1)]))
+    assert solution.reason.tolist() == [Reason.ITERATIONS_SPENT]
+    assert solution.iterations.tolist() == [1]
+
+
+def test_where_the_hessian_is_not_positive_the_direction_still_leads_down() -> None:
+    H = torch.diag_embed(torch.tensor([[2.0, -1.0, 0.5], [1.0, 0.0, -3.0]], dtype=torch.float64))
+    g = torch.tensor([[1.0, 2.0, -1.0], [1.0, 1.0, 1.0]], dtype=torch.float64)
+    d = newton_direction(H, g)
+    np.testing.assert_allclose(d[0], [-0.5, -2.0, 2.0])
+    assert ((g * d).sum(1) < 0).all()
+
+
+@pytest.mark.parametrize(("material", "decoder"), CASES.values(), ids=CASES)
+def test_the_hessian_is_the_derivative_of_the_gradient(material: str, decoder: Decoder) -> None:
+    stepper = batched(body(material), decoder)
+    conditions = stepper.conditions([pulls(body(material), 1)])
+    rng = np.random.default_rng(5)
+    z, d, ahead = 0.02 * rng.normal(size=decoder.r), 0.02 * rng.normal(size=decoder.r), torch.zeros(1, K).double()
+
+    def gradient(x: Array) -> Array:
+        return stepper.model.value_gradient(conditions, ahead, torch.tensor(x)[None])[1][0].numpy()
+
+    def along(x: Array) -> Array:
+        return stepper.model.hessian(conditions, ahead, torch.tensor(x)[None])[0].numpy() @ d
+
+    assert derivative_order(gradient, along, z, d) > 1.9
+
+
+def _loss_of_three_steps(stepper: BatchedStepper, base: Conditions, start: BatchedState) -> Callable[..., Tensor]:
+    """A loss of the state after three steps as a function of all that a gradient may flow to."""
+
+    def loss(q: Tensor, q_previous: Tensor, *values: Tensor) -> Tensor:
+        names = ("target", "stiffness", "gravity", "mu", "lam")
+        conditions = base._replace(**dict(zip(names, values, strict=True)))
+        state = BatchedState(start.z, start.z_previous, q, q_previous)
+        for _ in range(3):
+            state, solution = stepper.step(state, conditions)
+            assert solution.converged.all()
+        return (state.z**2).sum() + state.q.sum() + stepper.displacement(state, np.array([5])).sum()
+
+    return loss
+
+
+@pytest.mark.parametrize(("material", "decoder"), CASES.values(), ids=CASES)
+def test_gradients_through_three_steps_are_finite_differences(material: str, decoder: Decoder) -> None:
+    stepper = batched(body(material), decoder, tolerance=1e-12)
+    base = stepper.conditions([pulls(body(material), 1), pulls(body(material), 2)])
+    start = march(batched(body(material), decoder), base, 2)
+    inputs = (start.q, start.q_previous, base.target, base.stiffness, base.gravity, base.mu, base.lam)
+    inputs = tuple(value.clone().requires_grad_() for value in inputs)
+    loss = _loss_of_three_steps(stepper, base, start)
+    assert torch.autograd.gradcheck(loss, inputs, eps=1e-5, atol=1e-5, rtol=1e-4, fast_mode=True)
+
+
+def test_every_single_derivative_of_a_step_is_a_finite_difference() -> None:
+    stepper = batched(body(), curved(), tolerance=1e-12)
+    base = stepper.conditions([pulls(body(), 1)])
+    start = march(stepper, base, 2)
+    inputs = (start.q, base.target, base.stiffness, base.gravity, base.mu, base.lam)
+    inputs = tuple(value.clone().requires_grad_() for value in inputs)
+
+    def after(q: Tensor, *values: Tensor) -> Tensor:
+        conditions = base._replace(**dict(zip(("target", "stiffness", "gravity", "mu", "lam"), values, strict=True)))
+        return stepper.step(BatchedState(start.z, start.z_previous, q, start.q_previous), conditions)[0].q
+
+    assert torch.autograd.gradcheck(after, inputs, eps=1e-5, atol=1e-6, rtol=1e-4)
+
+
+def test_a_state_comes_back_from_the_batch_as_it_went_in() -> None:
+    stepper = batched(body(), curved())
+    state = march(stepper, stepper.conditions([pulls(body(), 1), pulls(body(), 2)]), 3)
+    again = stepper.state([state.serial(i) for i in range(2)])
+    for entry in fields(BatchedState):
+        np.testing.assert_array_equal(getattr(again, entry.name), getattr(state, entry.name))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"dtype": torch.float16}, "float32"), ({"device": "cuda:99"}, "use 'cpu'")][: 2 - torch.cuda.is_available()],
+)
+def test_a_type_or_device_that_is_not_there_is_named(options: dict[str, object], words: str) -> None:
+    with pytest.raises(SolverError, match=words):
+        batched(body(), curved(), **options)
