@@ -45,6 +45,7 @@ OWNERS = {
     "h5py": ("artefacts", "export"),
     "torch": ("reduction/autoencoder", "dynamics/batched"),
     "meshio": ("mesh/formats", "export"),
+    "pytetwild": ("mesh/ftetwild",),
     "matplotlib": ("evaluation",),
     "PIL": ("evaluation",),
     "click": ("cli",),

@@ -5,20 +5,22 @@ from __future__ import annotations
 import click
 
 from ldsim.artefacts.records import write_scene
+from ldsim.cli.filling import filled_surface
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
 from ldsim.mechanics.pins import Ball, Pin, Slab, pinned_vertices
 from ldsim.mechanics.scene import uniform_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, check_cells, reoriented
+from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import SHAPES
-from ldsim.settings import MeshSettings, PinSettings, resolve_path
+from ldsim.settings import MeshSettings, PinSettings, ShapeSettings, resolve_path
 
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(run: Run) -> None:
     settings = run.settings.mesh
-    mesh = _mesh(run, settings)
+    mesh, notes = filled_surface(run, settings.surface) if settings.surface else (_mesh(run, settings), {})
     check_cells(mesh)
     scene = uniform_scene(
         mesh,
@@ -30,7 +32,7 @@ def command(run: Run) -> None:
         gravity=settings.gravity,
         time_step=settings.time_step,
     )
-    write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
+    write_scene(run.path("scene"), run.header("scene", "mesh", (), -1, **notes), scene)
     run.done(
         "scene",
         f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
@@ -39,10 +41,19 @@ def command(run: Run) -> None:
 
 
 def _mesh(run: Run, settings: MeshSettings) -> Mesh:
-    if settings.shape is not None:
-        if settings.shape.name not in SHAPES:
-            raise SettingsError(f"mesh.shape.name is {settings.shape.name!r}; known are {', '.join(SHAPES)}")
-        return SHAPES[settings.shape.name](resolution=settings.shape.resolution, cell_type=settings.shape.cell_type)
+    mesh = _shape(settings.shape) if settings.shape is not None else _file(run, settings)
+    for _ in range(settings.refine):
+        mesh = refined(mesh)
+    return mesh
+
+
+def _shape(settings: ShapeSettings) -> Mesh:
+    if settings.name not in SHAPES:
+        raise SettingsError(f"mesh.shape.name is {settings.name!r}; known are {', '.join(SHAPES)}")
+    return SHAPES[settings.name](resolution=settings.resolution, cell_type=settings.cell_type)
+
+
+def _file(run: Run, settings: MeshSettings) -> Mesh:
     assert settings.file is not None
     read = read_mesh(resolve_path(settings.file, run.config), settings.scale)
     if read.dropped_vertices:
