@@ -41,9 +41,29 @@ class MaterialSettings(Section):
 
 
 class ShapeSettings(Section):
-    name: str = Field(description="A procedural shape: beam, cross, pendulum, dumbbell.")
+    name: str = Field(
+        description="A procedural shape: beam, mounted_bar, cross, slender_cross, catapult, pendulum, dumbbell."
+    )
     resolution: int = Field(2, ge=1, le=64, description="Cubes across the thinnest side.")
     cell_type: Literal["tet4", "hex8"] = Field("tet4", description="Linear tetrahedra or trilinear hexahedra.")
+
+
+class SurfaceSettings(Section):
+    """A closed triangle surface, filled with tets."""
+
+    file: str = Field(description="Triangle surface: .stl, .obj, .ply, .off and others.")
+    edge_length: Positive | None = Field(None, description="Edges of the tets, about, m.")
+    cells: int | None = Field(None, ge=10, description="Number of tets instead, about; takes up to five tries.")
+    envelope: Positive | None = Field(
+        None, description="How far the tets may be from the surface, m; left out, a twentieth of the edge length."
+    )
+    timeout: float = Field(600.0, ge=1, description="Longest that one try may take, s.")
+
+    @model_validator(mode="after")
+    def _one(self) -> SurfaceSettings:
+        if (self.edge_length is None) == (self.cells is None):
+            raise ValueError("give exactly one of edge_length, cells")
+        return self
 
 
 class SlabSettings(Section):
@@ -129,7 +149,9 @@ class MeshSettings(Section):
 
     file: str | None = Field(None, description="Volume mesh in a format that meshio reads.")
     shape: ShapeSettings | None = Field(None, description="A procedural shape instead of a file.")
+    surface: SurfaceSettings | None = Field(None, description="A closed triangle surface instead, filled with tets.")
     scale: Positive = Field(1.0, description="Factor from the file's unit to metres.")
+    refine: int = Field(0, ge=0, le=4, description="Cut every tet into eight, this many times.")
     reorient: bool = Field(False, description="Flip left-handed cells instead of refusing them.")
     material: MaterialSettings
     density: Positive = Field(1000.0, description="kg/m³.")
@@ -142,10 +164,10 @@ class MeshSettings(Section):
 
     @model_validator(mode="after")
     def _one(self) -> MeshSettings:
-        if (self.file is None) == (self.shape is None):
-            raise ValueError("give exactly one of file, shape")
+        if [self.file, self.shape, self.surface].count(None) != 2:
+            raise ValueError("give exactly one of file, shape, surface")
         if self.cell_data is not None and self.file is None:
-            raise ValueError("cell_data is read from a mesh file; with a shape use regions")
+            raise ValueError("cell_data is read from a mesh file; with a shape or a surface use regions")
         return self
 
 
@@ -467,8 +489,10 @@ def resolve_path(text: str, config: Path) -> Path:
 
 def input_files(settings: Settings, stage: str, config: Path) -> list[Path]:
     """The files outside the run that a stage reads."""
-    if stage == "mesh" and settings.mesh.file is not None:
-        return [resolve_path(settings.mesh.file, config)]
+    if stage == "mesh":
+        surface = settings.mesh.surface
+        name = surface.file if surface is not None else settings.mesh.file
+        return [] if name is None else [resolve_path(name, config)]
     if stage == "snapshot":
         motions = settings.snapshot.motions
         names = [name for motion in motions for name in (motion.recording, motion.script_file) if name is not None]

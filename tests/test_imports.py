@@ -47,6 +47,7 @@ OWNERS = {
     "meshio": ("mesh/formats", "export"),
     "pyamg": ("solvers/multigrid",),
     "pymetis": ("solvers/elimination",),
+    "pytetwild": ("mesh/ftetwild",),
     "matplotlib": ("evaluation",),
     "PIL": ("evaluation",),
     "click": ("cli",),

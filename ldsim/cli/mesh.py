@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import write_scene
+from ldsim.cli.filling import filled_surface
 from ldsim.cli.regions import region
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
@@ -20,22 +21,28 @@ from ldsim.mechanics.regions import cells_in
 from ldsim.mechanics.scene import make_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, check_cells, reoriented
+from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.shapes import SHAPES
-from ldsim.settings import MeshSettings, resolve_path
+from ldsim.settings import MeshSettings, ShapeSettings, resolve_path
 
 Array = NDArray[np.float64]
+Numbers = Mapping[str, Array]
 
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(run: Run) -> None:
     settings = run.settings.mesh
-    mesh, cell_data = _mesh(run, settings)
+    cell_data: Numbers = {}
+    if settings.surface is not None:
+        mesh, notes = filled_surface(run, settings.surface)
+    else:
+        (mesh, cell_data), notes = _mesh(run, settings), {}
     check_cells(mesh)
     pinned = pinned_vertices(mesh, [region(place) for place in settings.pins])
     properties = _properties(settings, mesh, cell_data)
     load = _load(settings, mesh, properties)
     scene = make_scene(mesh, pinned, properties, settings.gravity, settings.time_step, load)
-    write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
+    write_scene(run.path("scene"), run.header("scene", "mesh", (), -1, **notes), scene)
     run.done(
         "scene",
         f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
@@ -43,13 +50,22 @@ def command(run: Run) -> None:
     )
 
 
-def _mesh(run: Run, settings: MeshSettings) -> tuple[Mesh, Mapping[str, Array]]:
+def _mesh(run: Run, settings: MeshSettings) -> tuple[Mesh, Numbers]:
     """The mesh and the numbers that its file gives to each cell."""
-    if settings.shape is not None:
-        if settings.shape.name not in SHAPES:
-            raise SettingsError(f"mesh.shape.name is {settings.shape.name!r}; known are {', '.join(SHAPES)}")
-        shape = SHAPES[settings.shape.name]
-        return shape(resolution=settings.shape.resolution, cell_type=settings.shape.cell_type), {}
+    mesh, cell_data = (_shape(settings.shape), {}) if settings.shape is not None else _file(run, settings)
+    for _ in range(settings.refine):
+        mesh = refined(mesh)
+        cell_data = {name: np.repeat(values, CHILDREN) for name, values in cell_data.items()}
+    return mesh, cell_data
+
+
+def _shape(settings: ShapeSettings) -> Mesh:
+    if settings.name not in SHAPES:
+        raise SettingsError(f"mesh.shape.name is {settings.name!r}; known are {', '.join(SHAPES)}")
+    return SHAPES[settings.name](resolution=settings.resolution, cell_type=settings.cell_type)
+
+
+def _file(run: Run, settings: MeshSettings) -> tuple[Mesh, Numbers]:
     assert settings.file is not None
     read = read_mesh(resolve_path(settings.file, run.config), settings.scale)
     if read.dropped_vertices:
@@ -57,7 +73,7 @@ def _mesh(run: Run, settings: MeshSettings) -> tuple[Mesh, Mapping[str, Array]]:
     return reoriented(read.mesh) if settings.reorient else read.mesh, read.cell_data
 
 
-def _properties(settings: MeshSettings, mesh: Mesh, cell_data: Mapping[str, Array]) -> Properties:
+def _properties(settings: MeshSettings, mesh: Mesh, cell_data: Numbers) -> Properties:
     """The scene's material, then what the file says of each cell, then the regions in their order."""
     material = settings.material
     properties = Properties.uniform(
@@ -74,7 +90,7 @@ def _properties(settings: MeshSettings, mesh: Mesh, cell_data: Mapping[str, Arra
     return properties
 
 
-def _column(name: str | None, cell_data: Mapping[str, Array]) -> Array | None:
+def _column(name: str | None, cell_data: Numbers) -> Array | None:
     if name is None:
         return None
     if name not in cell_data:

@@ -133,6 +133,7 @@ class FullStepper:
             "smaller time step, a weaker grab, a slower path, or a material that stays finite (stable_neo_hookean, "
             "fixed_corotated)"
         )
+
     def set_scene(self, scene: Scene) -> None:
         """Step the same solid under another gravity or with another material from now on (`Scene.changed`)."""
         if not (np.array_equal(scene.mu, self._scene.mu) and np.array_equal(scene.lam, self._scene.lam)):

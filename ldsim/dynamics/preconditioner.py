@@ -65,6 +65,7 @@ class TurnedHessian:
         blocks = self._pattern.stiffness_blocks(self._scene.elements, rest, clamp=True)
         on_diagonal = self._pattern.rows == self._pattern.columns
         return np.where(on_diagonal, STATIC_SHIFT * np.einsum("bii->b", blocks) / 3, 0.0)
+
     def set_scene(self, scene: Scene) -> None:
         """Take the material from another scene of the same solid; the factor is as it was until the next one."""
         self._scene = scene

@@ -1,4 +1,4 @@
-"""Mesh files: every volume format that meshio knows, read into a `Mesh` or refused in one line."""
+"""Mesh files: every format that meshio knows, read into a `Mesh` or into `Triangles`, or refused in one line."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
+from ldsim.mesh.triangles import Triangles
 
 CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
 MESHIO_TYPES = {ours: theirs for theirs, ours in CELL_TYPES.items()}
 # Numbers that formats mark their entities with, and what entities of each dimension are called.
 TAGS = ("gmsh:physical", "medit:ref")
 ENTITIES = ("points", "edges", "faces", "cells")
+SURFACE_CUTS = {"triangle": [[0, 1, 2]], "quad": [[0, 1, 2], [0, 2, 3]]}
 COMMON_EXTENSIONS = ".mesh, .msh, .vtk, .vtu, .inp, .xdmf"
 
 
@@ -55,17 +57,49 @@ def read_mesh(path: str | Path, scale: float = 1.0) -> MeshFile:
             type of them, or its numbers are no mesh; the message names the file.
     """
     path = Path(path)
-    if not (math.isfinite(scale) and scale > 0):
-        raise MeshError(f"scale is {scale}; it must be a positive number of metres per unit of {path}")
-    _check_path(path)
+    _check_scale(path, scale)
     raw = _read_raw(path)
     kind, cells = _volume_cells(path, raw)
-    try:
+    with naming(path):
         mesh = Mesh(np.asarray(raw.points, dtype=np.float64) * scale, cells, kind, _groups(raw))
-    except MeshError as error:
-        raise MeshError(f"{path}: {error}") from error
     used = without_unused_vertices(mesh)
     return MeshFile(used, mesh.n_vertices - used.n_vertices, _cell_data(raw))
+
+
+def read_surface(path: str | Path, scale: float = 1.0) -> Triangles:
+    """Read the triangles of a surface file, as they are; quadrilaterals are cut in two, lines and points ignored.
+
+    Args:
+        path: the format follows from the extension.
+        scale: metres per unit of the file.
+
+    Raises:
+        MeshError: the file is missing, unreadable or of an unknown format, holds volume cells, larger polygons or no
+            triangles, or its numbers are no surface; the message names the file.
+    """
+    path = Path(path)
+    _check_scale(path, scale)
+    raw = _read_raw(path)
+    other = sorted({block.type for block in raw.cells if block.dim > 1 and block.type not in SURFACE_CUTS})
+    if other:
+        raise MeshError(
+            f"{path} holds cells of the type {', '.join(other)}; a surface may have {' and '.join(SURFACE_CUTS)}s"
+            + (" (a volume mesh is read with mesh.file)" if set(other) & set(CELL_TYPES) else "")
+        )
+    blocks = [block.data[:, SURFACE_CUTS[block.type]].reshape(-1, 3) for block in raw.cells if block.dim == 2]
+    if sum(map(len, blocks)) == 0:
+        raise MeshError(f"{path} holds no triangles; expected a closed triangle surface")
+    with naming(path):
+        return Triangles(np.asarray(raw.points, dtype=np.float64) * scale, np.concatenate(blocks).astype(np.int64))
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name in front of what is wrong with its mesh."""
+    try:
+        yield
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
 
 
 def write_mesh(path: str | Path, mesh: Mesh) -> None:
@@ -78,6 +112,11 @@ def write_mesh(path: str | Path, mesh: Mesh) -> None:
     _check_extension(path)
     with _quiet(), _as_mesh_error(path, "cannot be written"):
         meshio.Mesh(mesh.vertices, [(MESHIO_TYPES[mesh.cell_type], mesh.cells)]).write(path)
+
+
+def _check_scale(path: Path, scale: float) -> None:
+    if not (math.isfinite(scale) and scale > 0):
+        raise MeshError(f"scale is {scale}; it must be a positive number of metres per unit of {path}")
 
 
 def _check_path(path: Path) -> None:
@@ -96,7 +135,9 @@ def _check_extension(path: Path) -> None:
 
 
 def _read_raw(path: Path) -> meshio.Mesh:
-    with _quiet() as said, _as_mesh_error(path, f"is not a readable {path.suffix} file", said):
+    _check_path(path)
+    hint = "; it may be truncated or of another format"
+    with _quiet() as said, _as_mesh_error(path, f"is not a readable {path.suffix} file", hint, said):
         return meshio.read(path)
 
 
@@ -110,14 +151,14 @@ def _quiet() -> Iterator[io.StringIO]:
 
 
 @contextlib.contextmanager
-def _as_mesh_error(path: Path, what: str, said: io.StringIO | None = None) -> Iterator[None]:
+def _as_mesh_error(path: Path, what: str, hint: str = "", said: io.StringIO | None = None) -> Iterator[None]:
     """Turn anything that meshio fails with into a `MeshError`: an exit, or its parsers' own errors."""
     try:
         yield
     except (Exception, SystemExit) as error:
         words = said.getvalue() if said is not None and isinstance(error, SystemExit) else str(error)
         reason = " ".join(words.split()) or type(error).__name__
-        raise MeshError(f"{path} {what} ({reason}); it may be truncated or of another format") from error
+        raise MeshError(f"{path} {what} ({reason}){hint}") from error
 
 
 def _volume_cells(path: Path, raw: meshio.Mesh) -> tuple[str, np.ndarray]:
@@ -128,7 +169,9 @@ def _volume_cells(path: Path, raw: meshio.Mesh) -> tuple[str, np.ndarray]:
     volume = sorted({block.type for block in raw.cells if block.dim == 3 and len(block.data)})
     found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no cells at all"
     if not volume:
-        raise MeshError(f"{path} holds no tetrahedra or hexahedra but {found}; a surface must be tetrahedralised first")
+        raise MeshError(
+            f"{path} holds no tetrahedra or hexahedra but {found}; a closed surface is read with mesh.surface"
+        )
     if len(volume) > 1:
         raise MeshError(f"{path} mixes volume cells ({found}); expected tetra alone or hexahedron alone")
     if volume[0] not in CELL_TYPES:

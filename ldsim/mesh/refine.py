@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Group, Mesh
 
+CHILDREN = 8
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Children as numbers of the four corners (0–3) and of the edges' midpoints (4–9, in the order of EDGES).
 CORNER_CHILDREN = np.array([[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]])
@@ -52,5 +53,5 @@ def _refined_group(group: Group, n_vertices: int, ends: NDArray[np.int64]) -> Gr
     inside = np.zeros(n_vertices, dtype=bool)
     inside[group.vertices] = True
     midpoints = n_vertices + np.flatnonzero(inside[ends].all(axis=0))
-    children = (8 * group.cells[:, None] + np.arange(8)).ravel()
+    children = (CHILDREN * group.cells[:, None] + np.arange(CHILDREN)).ravel()
     return Group(np.concatenate([group.vertices, midpoints]), children)

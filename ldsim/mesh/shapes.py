@@ -101,16 +101,62 @@ def cross(
     Raises:
         MeshError: a size is not positive, or the resolution is out of range.
     """
-    _check_sizes(width=width, height=height, depth=depth)
-    _check_resolution(resolution)
-    bar = np.repeat([False, True, False], [2 * resolution, resolution, 2 * resolution])
-    plus = np.repeat((bar[:, None] | bar)[:, :, None], resolution, axis=2)
-    _check_count(9.0 * resolution**3)
-    grid = voxel_mesh(plus, np.array([2, 2, 1]) / resolution, cell_type)
-    p, q, layer = grid.vertices.T - np.array([[5], [5], [0.5]])
-    x = width / 12 * (p - q)
-    y = height / 10 * (p * (1 - _rise(np.abs(q))) + q * (1 - _rise(np.abs(p))))
-    return Mesh(np.stack([x, y, depth * layer], axis=1), grid.cells, cell_type)
+    return _cross_with_arms(2, width, height, depth, resolution, cell_type)
+
+
+def slender_cross(
+    width: float = 0.3, height: float = 0.26, depth: float = 0.025, resolution: int = 2, cell_type: str = "tet4"
+) -> Mesh:
+    """An X as `cross`, with arms six bars' widths long, so that they bend far without much strain.
+
+    Args:
+        width, height, depth: of the bounding box.
+        resolution: voxels across a bar; 25 resolution³ voxels.
+
+    Raises:
+        MeshError: a size is not positive, or the resolution is out of range.
+    """
+    return _cross_with_arms(6, width, height, depth, resolution, cell_type)
+
+
+def mounted_bar(length: float = 0.4, thickness: float = 0.04, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+    """A square bar along x, from 0 on, that sticks out of a square plate three times as wide, metres.
+
+    Args:
+        length: of the bar; rounded to a multiple of its thickness. The plate, as thick as the bar, lies at x < 0.
+        resolution: voxels across the bar.
+
+    Raises:
+        MeshError: a size is not positive, the bar is shorter than thick, or the resolution is out of range.
+    """
+    blocks = np.zeros((_count_blocks(length, thickness, 1, 9) + 1, 3, 3), dtype=bool)
+    blocks[0] = True
+    blocks[:, 1, 1] = True
+    return _shifted(
+        _of_blocks(blocks, thickness, resolution, cell_type), [-thickness, -1.5 * thickness, -1.5 * thickness]
+    )
+
+
+def catapult(height: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+    """A thin upright arm on a square foot, with a bowl at its upper end that opens towards +x; y = 0 is the ground.
+
+    In the manner of the paper's Figure 10: it bends far, nearly in a plane, so that two latent numbers may do.
+
+    Args:
+        height: of the whole; rounded to a multiple of the arm's thickness.
+        thickness: of the arm, of the foot and of the bowl's walls; foot and bowl are five times as wide.
+        resolution: voxels across the arm.
+
+    Raises:
+        MeshError: a size is not positive, no arm is left between foot and bowl, or the resolution is out of range.
+    """
+    tall = _count_blocks(height, thickness, 7, 25)
+    blocks = np.zeros((5, tall, 5), dtype=bool)
+    blocks[:, 0] = True
+    blocks[2, :, 2] = True
+    blocks[2:4, -5:] = True
+    blocks[3, -4:-1, 1:-1] = False
+    return _shifted(_of_blocks(blocks, thickness, resolution, cell_type), [-2.5 * thickness, 0.0, -2.5 * thickness])
 
 
 def pendulum(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
@@ -131,7 +177,49 @@ def dumbbell(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, 
     return _weighted_rod(length, thickness, resolution, cell_type, both_ends=True)
 
 
-SHAPES: dict[str, Callable[..., Mesh]] = {"beam": beam, "cross": cross, "dumbbell": dumbbell, "pendulum": pendulum}
+SHAPES: dict[str, Callable[..., Mesh]] = {
+    "beam": beam,
+    "mounted_bar": mounted_bar,
+    "cross": cross,
+    "slender_cross": slender_cross,
+    "catapult": catapult,
+    "pendulum": pendulum,
+    "dumbbell": dumbbell,
+}
+
+
+def _cross_with_arms(arms: int, width: float, height: float, depth: float, resolution: int, cell_type: str) -> Mesh:
+    """The map of `cross` for arms of any length in bars' widths; its Jacobian grows with it."""
+    _check_sizes(width=width, height=height, depth=depth)
+    _check_resolution(resolution)
+    bar = np.repeat([False, True, False], [arms * resolution, resolution, arms * resolution])
+    plus = np.repeat((bar[:, None] | bar)[:, :, None], resolution, axis=2)
+    _check_count((4.0 * arms + 1) * resolution**3)
+    grid = voxel_mesh(plus, np.array([2, 2, 1]) / resolution, cell_type)
+    end = 2 * arms + 1
+    p, q, layer = grid.vertices.T - np.array([[end], [end], [0.5]])
+    x = width / (2 * end + 2) * (p - q)
+    y = height / (2 * end) * (p * (1 - _rise(np.abs(q), end)) + q * (1 - _rise(np.abs(p), end)))
+    return Mesh(np.stack([x, y, depth * layer], axis=1), grid.cells, cell_type)
+
+
+def _count_blocks(length: float, thickness: float, least: int, section: int) -> int:
+    """How many cubes of the thickness make the length; each has up to `section` cubes beside it."""
+    _check_sizes(length=length, thickness=thickness)
+    _check_count(section * length / thickness)
+    count = round(length / thickness)
+    if count < least:
+        raise MeshError(
+            f"length is {length:g} m; with thickness {thickness:g} m it must be {least * thickness:g} or more"
+        )
+    return count
+
+
+def _of_blocks(blocks: NDArray[np.bool_], edge: float, resolution: int, cell_type: str) -> Mesh:
+    """The mesh of a few cubes of the given edge, each of resolution³ voxels."""
+    _check_resolution(resolution)
+    _check_count(float(blocks.size) * resolution**3)
+    return voxel_mesh(np.kron(blocks, np.ones((resolution,) * 3, dtype=bool)), edge / resolution, cell_type)
 
 
 def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: str, both_ends: bool) -> Mesh:
@@ -152,9 +240,9 @@ def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: s
     return _shifted(voxel_mesh(occupied, spacing, cell_type), [-1.5 * thickness, -count * spacing, -1.5 * thickness])
 
 
-def _rise(distance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """0 up to 1, then the cubic smooth step to 1 at 5."""
-    t = np.clip((distance - 1) / 4, 0, 1)
+def _rise(distance: NDArray[np.float64], end: int) -> NDArray[np.float64]:
+    """0 up to 1, then the cubic smooth step to 1 at the end."""
+    t = np.clip((distance - 1) / (end - 1), 0, 1)
     return t * t * (3 - 2 * t)
 
 

@@ -70,7 +70,7 @@ CONFIGURATIONS: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "a wrong type": (change("train.epochs", "many"), "train.epochs: input should be a valid integer"),
     "out of range": (change("train.learning_rate", 2.0), "train.learning_rate: input should be less than 1, got 2"),
     "a key missing": (change("mesh.material.youngs_modulus", ...), "mesh.material.youngs_modulus is missing"),
-    "two sources": (change("mesh.file", "x.mesh"), "mesh: give exactly one of file, shape"),
+    "two sources": (change("mesh.file", "x.mesh"), "mesh: give exactly one of file, shape, surface"),
 }
 
 
@@ -178,7 +178,7 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "flat cells": (mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5")), "volume"),
     "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "must be finite"),
     "vertices out of range": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 3 2 9")), "a.mesh"),
-    "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, cross"),
+    "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, mounted_bar"),
     "pins that hold nothing": (
         change("mesh.pins", [{"ball": {"centre": [9, 9, 9], "radius": 0.1}}]),
         "pins no vertex",

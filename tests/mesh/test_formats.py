@@ -10,10 +10,18 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MeshError
-from ldsim.mesh.formats import read_mesh, write_mesh
-from ldsim.mesh.shapes import beam, cross
+from ldsim.mesh.formats import read_mesh, read_surface, write_mesh
+from ldsim.mesh.repair import repaired
+from ldsim.mesh.shapes import CUBE_CORNERS, beam, cross
+from tests.mesh.surfaces import is_closed_and_oriented, surface_of
 
-EXTENSIONS = [".mesh", ".vtk", ".vtu", ".msh", ".inp"]
+# All that meshio can write both for tets and for hexes, and reads back; .xml and .ele hold tets only.
+EXTENSIONS = [
+    *(".mesh", ".meshb", ".vtk", ".vtu", ".msh", ".inp", ".xdmf", ".xmf", ".avs", ".dat", ".tec", ".dato", ".post"),
+    *(".f3grid", ".hmf", ".mdpa", ".med", ".su2", ".vol"),
+]
+TET_EXTENSIONS = [".xml", ".ele", ".cgns"]
+SURFACE_EXTENSIONS = [".stl", ".obj", ".ply", ".off", ".vtk", ".msh"]
 TET = np.array([[0, 1, 2, 3]])
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [2, 1, 1], [1, 2, 1], [1, 1, 2]])
 
@@ -93,8 +101,13 @@ def test_a_scale_that_is_no_positive_number_is_refused(scale: float, tmp_path: P
         read_mesh(tmp_path / "any.mesh", scale)
 
 
-@pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
-@pytest.mark.parametrize("extension", EXTENSIONS)
+@pytest.mark.parametrize(
+    ("extension", "cell_type"),
+    [
+        *((extension, kind) for extension in EXTENSIONS for kind in ("tet4", "hex8")),
+        *((e, "tet4") for e in TET_EXTENSIONS),
+    ],
+)
 def test_every_format_returns_the_mesh_that_was_written(extension: str, cell_type: str, tmp_path: Path) -> None:
     mesh = cross(resolution=1, cell_type=cell_type)
     write_mesh(tmp_path / f"mesh{extension}", mesh)
@@ -197,3 +210,46 @@ def test_numbers_of_cells_are_read_in_the_order_of_the_cells(tmp_path: Path) -> 
     read = read_mesh(tmp_path / "a.vtu")
     assert read.cell_data["E"].tolist() == [1, 2]
     np.testing.assert_array_equal(read.mesh.cells, BLOCKS[0][1])
+
+
+@pytest.mark.parametrize("extension", SURFACE_EXTENSIONS)
+def test_a_surface_file_returns_its_triangles_scaled(extension: str, tmp_path: Path) -> None:
+    surface = surface_of("catapult")
+    path = tmp_path / f"surface{extension}"
+    meshio.Mesh(surface.vertices, [("triangle", surface.faces)]).write(path)
+    back = read_surface(path, 1e-3)
+    assert back.volume == pytest.approx(surface.volume * 1e-9, rel=1e-6)
+    assert is_closed_and_oriented(repaired(back).surface)
+    assert len(back.faces) == len(surface.faces)
+
+
+def test_quadrilaterals_of_a_surface_are_cut_in_two(tmp_path: Path) -> None:
+    faces = "1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8"
+    corners = "\n".join(f"v {x:g} {y:g} {z:g}" for x, y, z in CUBE_CORNERS)
+    (tmp_path / "cube.obj").write_text(f"{corners}\nf {faces}\n")
+    cube = read_surface(tmp_path / "cube.obj")
+    assert len(cube.faces) == 12
+    assert cube.volume == pytest.approx(1)
+    assert is_closed_and_oriented(cube)
+
+
+BAD_SURFACES = {
+    "missing": (lambda folder: folder / "none.stl", "does not exist"),
+    "foreign": (text("a.stl", "not a surface at all\n"), "a.stl"),
+    "truncated": (text("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n"), "is not a readable .off file"),
+    "a volume": (medit(POINTS, [("tetra", TET)]), "holds cells of the type tetra; .* read with mesh.file"),
+    "no triangles": (text("a.off", "OFF\n1 0 0\n0 0 0\n"), "a.off"),
+    "not a number": (text("a.off", "OFF\n3 1 0\n0 0 nan\n1 0 0\n0 1 0\n3 0 1 2\n"), "vertex 0 has coordinates"),
+}
+
+
+@pytest.mark.parametrize("make, message", BAD_SURFACES.values(), ids=BAD_SURFACES.keys())
+def test_a_bad_surface_file_is_refused_in_one_line_that_names_it(
+    make: Callable[[Path], Path], message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = make(tmp_path)
+    with pytest.raises(MeshError, match=message) as refusal:
+        read_surface(path)
+    assert str(path) in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+    assert capfd.readouterr() == ("", "")

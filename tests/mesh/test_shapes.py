@@ -10,7 +10,18 @@ import pytest
 
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Mesh, check_cells, components, corner_volumes
-from ldsim.mesh.shapes import CUBE_CORNERS, SHAPES, beam, cross, dumbbell, pendulum, voxel_mesh
+from ldsim.mesh.shapes import (
+    CUBE_CORNERS,
+    SHAPES,
+    beam,
+    catapult,
+    cross,
+    dumbbell,
+    mounted_bar,
+    pendulum,
+    slender_cross,
+    voxel_mesh,
+)
 from ldsim.mesh.surface import CELL_FACES, surface_triangles, surface_vertices
 
 CELL_TYPES = ["tet4", "hex8"]
@@ -109,13 +120,50 @@ def test_a_weighted_rod_is_a_rod_and_cubes(make: Callable[..., Mesh], bobs: int)
     assert surface_area(mesh) == pytest.approx(sides_and_caps + (2 - 2 * bobs) * 0.02**2, rel=1e-12)
 
 
+@pytest.mark.parametrize("make, arms", [(cross, 2), (slender_cross, 6)])
 @pytest.mark.parametrize("cell_type", CELL_TYPES)
 @pytest.mark.parametrize("resolution", [1, 2, 3])
-def test_a_cross_has_the_volume_of_its_map(resolution: int, cell_type: str) -> None:
-    # ∫ over the plus of the Jacobian ab (2 − s − q s'), with a = width/12, b = height/10: 2·4 in the middle square
-    # and 3/2 · 8 on each arm. The map's kinks lie on grid lines and s is odd about an arm's middle, so it is exact.
-    mesh = cross(0.22, 0.15, 0.05, resolution, cell_type)
-    assert enclosed_volume(mesh) == pytest.approx((8 + 4 * 12) * 0.22 / 12 * 0.15 / 10 * 0.05, rel=1e-12)
+def test_a_cross_has_the_volume_of_its_map(
+    make: Callable[..., Mesh], arms: int, resolution: int, cell_type: str
+) -> None:
+    # ∫ over the plus of the Jacobian ab (2 − s − q s'), with a = width/(2e + 2), b = height/2e, e = 2 arms + 1: 2·4 in
+    # the middle square and 3/2 · 4 arms on each arm. The map's kinks lie on grid lines and s is odd about an arm's
+    # middle, so it is exact.
+    mesh = make(0.22, 0.15, 0.05, resolution, cell_type)
+    end = 2 * arms + 1
+    expected = (8 + 4 * 6 * arms) * 0.22 / (2 * end + 2) * 0.15 / (2 * end) * 0.05
+    assert enclosed_volume(mesh) == pytest.approx(expected, rel=1e-12)
+
+
+def test_limbs_of_the_slender_cross_are_twice_as_long_for_their_thickness() -> None:
+    def slenderness(mesh: Mesh) -> float:
+        # Four limbs of length l and thickness t, almost: volume 4 l t · depth, and l from the middle to a corner.
+        width, height, depth = np.ptp(mesh.vertices, axis=0)
+        length = np.hypot(width, height) / 2
+        return float(length / (enclosed_volume(mesh) / (4 * length * depth)))
+
+    assert slenderness(slender_cross()) > 2 * slenderness(cross())
+
+
+@pytest.mark.parametrize("resolution", [1, 3])
+def test_a_mounted_bar_is_a_plate_and_a_bar(resolution: int) -> None:
+    mesh = mounted_bar(0.4, 0.04, resolution)
+    assert enclosed_volume(mesh) == pytest.approx(0.4 * 0.04**2 + 0.12**2 * 0.04, rel=1e-12)
+    plate, bar = mesh.vertices[mesh.vertices[:, 0] < 1e-12], mesh.vertices[mesh.vertices[:, 0] > 1e-12]
+    np.testing.assert_allclose(np.ptp(plate, axis=0), [0.04, 0.12, 0.12], rtol=1e-12)
+    np.testing.assert_allclose(np.ptp(bar[:, 1:], axis=0), [0.04, 0.04], rtol=1e-12)
+    np.testing.assert_allclose([bar[:, 0].max(), *bar[:, 1:].mean(axis=0)], [0.4, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("resolution", [1, 3])
+def test_a_catapult_stands_on_its_foot_and_its_bowl_holds_something(resolution: int) -> None:
+    mesh = catapult(0.3, 0.02, resolution)
+    foot, arm, floor, rim = 25, 15 - 1 - 5, 25, 25 - 9
+    assert enclosed_volume(mesh) == pytest.approx((foot + arm + floor + rim) * 0.02**3, rel=1e-12)
+    assert mesh.vertices[:, 1].min() == 0
+    assert mesh.vertices[:, 1].max() == pytest.approx(0.3, rel=1e-12)
+    bowl = mesh.vertices[mesh.vertices[:, 1] > 0.2]
+    assert bowl[:, 0].max() == pytest.approx(0.03) and bowl[:, 0].min() == pytest.approx(-0.01)
 
 
 def test_a_cross_fills_its_box_and_stands_on_two_flat_feet() -> None:
@@ -144,6 +192,9 @@ BAD_CALLS = {
     "cell type": (lambda: beam(cell_type="wedge6"), "cell type 'wedge6' is not one of tet4, hex8"),
     "too many": (lambda: beam(length=1e6), "needs .* voxels; allowed are"),
     "short rod": (lambda: pendulum(length=0.05), "length is 0.05 m; with thickness 0.02 m"),
+    "no arm": (lambda: catapult(height=0.1), "length is 0.1 m; with thickness 0.02 m it must be 0.14 or more"),
+    "no bar": (lambda: mounted_bar(length=0.01), "it must be 0.04 or more"),
+    "endless bar": (lambda: mounted_bar(length=1e6), "needs .* voxels; allowed are"),
     "spacing": (lambda: voxel_mesh(np.ones((1, 1, 1), dtype=bool), [1, -1, 1]), "voxel spacing is"),
     "nothing": (lambda: voxel_mesh(np.zeros((2, 1, 1), dtype=bool), 1), "have 0 occupied"),
 }
