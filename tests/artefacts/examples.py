@@ -29,7 +29,7 @@ from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis
