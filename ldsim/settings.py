@@ -348,16 +348,35 @@ class TrainSettings(Section):
 
 
 class CubatureSettings(Section):
-    tolerance: float = Field(0.03, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+    method: Literal["exchange", "ecsw", "an", "nn_htp", "uniform"] = Field(
+        "exchange", description="How the points are found (docs/cubature.md)."
+    )
+    project: Literal["latent", "linear"] = Field(
+        "latent", description="Forces of the latent set: through the decoder's Jacobian, or in the space of U."
+    )
+    norm: Literal["compliance", "force"] = Field(
+        "compliance", description="Forces measured by the displacement energy they cause at rest, or by their size."
+    )
+    tolerance: float = Field(0.05, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
     max_points: int = Field(150, ge=1, description="Most points of the latent set.")
     linear_max_points: int = Field(500, ge=1, description="Most points of the linear set.")
     poses: int = Field(400, ge=1, description="Poses of the training motions to fit.")
     heldout_poses: int = Field(200, ge=1, description="Poses of the training motions kept back from the fit.")
-    seed: int = Field(0, ge=0, description="Of the choice of poses.")
+    perturbed: float = Field(0.0, ge=0, le=1, description="Perturbed states fitted too, as a share of the poses.")
+    perturbation: Positive = Field(0.1, description="Their distance from poses, in standard deviations of the poses.")
+    tangent: float = Field(0.0, ge=0, description="Weight of the tangent stiffness in the fit; 0 leaves it out.")
+    energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
+    closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the target.")
+    volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
+    candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
+    threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
+    seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")
 
 
 class SimulateSettings(Section):
     motions: tuple[str, ...] | None = Field(None, description="Which motions; left out, all.")
+    points: int | None = Field(None, ge=1, description="The largest latent set of at most so many; left out, the best.")
+    linear_points: int | None = Field(None, ge=1, description="The same for the linear set.")
     tolerance: Positive = Field(1e-8, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")
     max_iterations: int = Field(200, ge=1, description="Of one reduced step.")
     full_frames: int = Field(100, ge=1, description="Frames of the full space to time, from the first grab on.")

@@ -151,6 +151,12 @@ def test_a_stage_that_fails_stops_make_and_leaves_nothing_half_made(project: Pro
     assert project.stages("-n", LAST) == ["simulate"]
 
 
+def test_cubature_that_misses_its_tolerance_is_told_and_stops_nothing(project: Project) -> None:
+    project.configure(cubature=TINY["cubature"] | {"tolerance": 1e-6, "max_points": 3})
+    assert project.stages(LAST) == ["cubature", "simulate"]
+    assert project.stages(LAST) == []
+
+
 def test_a_bad_configuration_stops_make_before_any_stage(project: Project) -> None:
     project.configure(trian={})
     assert project.stages(LAST, status=2) == []

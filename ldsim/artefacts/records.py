@@ -13,7 +13,7 @@ from ldsim.artefacts.store import Header, read_header, reading, write
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis
@@ -169,11 +169,13 @@ class StoredCubature:
         ladder: from the smallest set to the largest.
         heldout_errors: relative error of each on held-out poses, (l,).
         chosen: index of the set in the ladder.
+        perturbed_errors: relative error of each on perturbed poses, (l,); None where it was not measured.
     """
 
     ladder: tuple[CubatureSet, ...]
     heldout_errors: Array
     chosen: int
+    perturbed_errors: Array | None = None
 
     @property
     def best(self) -> CubatureSet:
@@ -195,6 +197,8 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]
         datasets[f"{space}/errors"] = np.array([errors[stored.chosen], stored.heldout_errors[stored.chosen]])
         datasets[f"{space}/ladder_sizes"] = np.array([len(entry.points) for entry in stored.ladder], dtype=np.int64)
         datasets[f"{space}/ladder_errors"] = np.column_stack([errors, stored.heldout_errors])
+        if stored.perturbed_errors is not None:
+            datasets[f"{space}/ladder_perturbed_errors"] = stored.perturbed_errors
         datasets[f"{space}/ladder_points"] = np.concatenate([entry.points for entry in stored.ladder])
         datasets[f"{space}/ladder_weights"] = np.concatenate([entry.weights for entry in stored.ladder])
     write(path, header, datasets)
@@ -221,4 +225,5 @@ def _stored_cubature(group: h5py.Group) -> StoredCubature:
         for i, entry in enumerate(ladder)
         if np.array_equal(entry.points, group["points"][:]) and np.array_equal(entry.weights, group["weights"][:])
     ]
-    return StoredCubature(ladder, errors[:, 1], chosen[0])
+    perturbed = group["ladder_perturbed_errors"][:] if "ladder_perturbed_errors" in group else None
+    return StoredCubature(ladder, errors[:, 1], chosen[0], perturbed)

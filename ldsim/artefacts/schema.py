@@ -29,6 +29,7 @@ _SETS = (
     Dataset("*/errors", "f8", (2,), "", "relative error on training and held-out poses"),
     Dataset("*/ladder_sizes", "i8", ("l",), "", "points of each set of the ladder"),
     Dataset("*/ladder_errors", "f8", ("l", 2), "", "their relative error on training and held-out poses"),
+    Dataset("*/ladder_perturbed_errors", "f8", ("l",), "", "their relative error on perturbed poses", True),
     Dataset("*/ladder_points", "i8", ("a",), "", "the points of all sets of the ladder, one set after another"),
     Dataset("*/ladder_weights", "f8", ("a",), "m³", "their weights"),
 )

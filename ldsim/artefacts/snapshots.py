@@ -128,6 +128,19 @@ class Snapshots:
         data = self._file["motions"][name]["displacements"]
         return lambda start, stop: data[start:stop]
 
+    def frame_reader(self, names: list[str]) -> Callable[[int], NDArray[np.float32]]:
+        """The function t → frame t of the given motions one after the other, (n, 3) float32, metres."""
+        ends = np.cumsum([self.frames(name) for name in names])
+        readers = [self.reader(name) for name in names]
+
+        def frame(t: int) -> NDArray[np.float32]:
+            i = int(np.searchsorted(ends, t, side="right"))
+            local = t - (int(ends[i - 1]) if i else 0)
+            found: NDArray[np.float32] = readers[i](local, local + 1)[0]
+            return found
+
+        return frame
+
     def chunks(self, names: list[str]) -> Iterator[NDArray[np.float32]]:
         """Rows of displacements (b, 3n) float32 of the given motions, in bounded pieces."""
         for name in names:

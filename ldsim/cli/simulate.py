@@ -5,13 +5,14 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.records import StoredCubature, read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import inner_product
@@ -31,8 +32,14 @@ def command(run: Run) -> None:
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
     narrow = np.ascontiguousarray(U[:, : model.kp])
     spaces = [
-        ReducedSpace("linear", narrow, Decoder.identity(model.kp), Encoder((), ()), cubature["linear"].best),
-        ReducedSpace("latent", U, model.decoder, model.encoder, cubature["latent"].best),
+        ReducedSpace(
+            "linear",
+            narrow,
+            Decoder.identity(model.kp),
+            Encoder((), ()),
+            _set(cubature["linear"], settings.linear_points),
+        ),
+        ReducedSpace("latent", U, model.decoder, model.encoder, _set(cubature["latent"], settings.points)),
     ]
     options = Options(settings.tolerance, settings.max_iterations, settings.full_frames, settings.window)
     runs: dict[str, dict[str, Trajectory]] = {"full": {}, "linear": {}, "latent": {}}
@@ -55,6 +62,10 @@ def command(run: Run) -> None:
     write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, -1, **minimisers), runs)
     run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
     _warn_of_failed_steps(runs)
+
+
+def _set(stored: StoredCubature, points: int | None) -> CubatureSet:
+    return stored.best if points is None else stored.at_most(points)
 
 
 def _motions(wanted: tuple[str, ...] | None, known: list[str]) -> list[str]:

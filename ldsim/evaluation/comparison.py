@@ -20,7 +20,7 @@ from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import GrabTracker, Motion, check_pins_stand
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
 from ldsim.reduction.pca import coordinates

@@ -30,7 +30,7 @@ from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis

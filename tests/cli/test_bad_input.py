@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from ldsim.artefacts.store import file_hash
 from ldsim.cli.main import main
 from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, refused
 from tests.helpers import full_disk
@@ -260,6 +262,44 @@ def test_a_bad_motion(experiment: Experiment, case: str) -> None:
 def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
     experiment.configure(TINY | {"simulate": {"motions": ["z"]}})
     assert "simulate.motions names 'z'; the snapshots hold a, b" in refusal(experiment, "simulate")
+
+
+# The poses of cubature
+
+
+CUBATURES: dict[str, tuple[dict[str, object], str]] = {
+    "fewer poses than asked for": ({"poses": 1000}, "needs 1000 poses to fit and 200 to judge, but there are 40"),
+    "a tolerance of zero": ({"tolerance": 0.0}, "cubature.tolerance: input should be greater than 0, got 0"),
+    "a negative tolerance": ({"tolerance": -0.1}, "cubature.tolerance: input should be greater than 0, got -0.1"),
+    "no points": ({"max_points": 0}, "cubature.max_points: input should be greater than or equal to 1, got 0"),
+    "an unknown method": ({"method": "magic"}, "cubature.method: input should be 'exchange', 'ecsw'"),
+    "more than all of the true forces": ({"closure": 1.5}, "cubature.closure: input should be less than or equal to 1"),
+}
+
+
+@pytest.mark.parametrize("case", CUBATURES)
+def test_a_bad_setting_of_cubature(experiment: Experiment, case: str) -> None:
+    settings, words = CUBATURES[case]
+    experiment.configure(TINY | {"cubature": settings})
+    assert words in refusal(experiment, "cubature")
+
+
+def test_poses_without_any_force(experiment: Experiment) -> None:
+    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+        for motion in file["motions"].values():
+            motion["displacements"][:] = 0.0
+    hashes = {"snapshots": file_hash(experiment.run / "snapshots.h5")}
+    for name in ("basis", "model"):
+        with h5py.File(experiment.run / f"{name}.h5", "r+") as file:
+            file.attrs["inputs"] = json.dumps(json.loads(file.attrs["inputs"]) | hashes)
+        hashes[name] = file_hash(experiment.run / f"{name}.h5")
+    assert "the elastic force of all 20 poses is zero" in refusal(experiment, "cubature")
+
+
+def test_a_model_of_another_scene(experiment: Experiment) -> None:
+    with h5py.File(experiment.run / "scene.h5", "r+") as file:
+        file["material/mu"][:] *= 2
+    assert "scene.h5" in refusal(experiment, "cubature")
 
 
 # Where the artefact goes

@@ -32,7 +32,7 @@ from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis, coordinates, errors_against_k, orthonormalised

@@ -12,7 +12,7 @@ from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion, r
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import inner_product, orthonormalised

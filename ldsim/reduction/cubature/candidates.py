@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.reduction.cubature.forces import ProjectedForces
-from ldsim.reduction.cubature.nnls import losses_without, solve_on_support
+from ldsim.reduction.cubature.nnls import losses_without, nnls, solve_on_support
+from ldsim.reduction.cubature.rows import Rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -17,18 +17,40 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Projected forces with one more row, which asks that the weights sum to the volume.
+    """Rows of forces, any others beside them, and one more, which asks that the weights sum to the volume.
 
     A multiplier x_s of point s has the row entry v ‖target‖ w_s / Σ w and the row the value v ‖target‖: without it, few
     points that fit the forces may weigh much less than the solid, and be soft in every direction not trained on.
+
+    Attributes:
+        forces: their error is the one that a tolerance is for.
+        volume_weight: v.
+        others: more rows with the weight of each kind; their size is evened out with that of the forces.
+        candidates: the points that may be chosen, (c,); None for all.
     """
 
-    forces: ProjectedForces
+    forces: Rows
     volume_weight: float
+    others: tuple[tuple[Rows, float], ...] = ()
+    candidates: Indices | None = None
+
+    @cached_property
+    def allowed(self) -> Indices:
+        """The points that may be chosen, (c,)."""
+        return np.arange(self.n_points) if self.candidates is None else self.candidates
+
+    @property
+    def n_points(self) -> int:
+        return self.forces.n_points
 
     @cached_property
     def force_norm(self) -> float:
         return float(np.linalg.norm(self.forces.target))
+
+    @cached_property
+    def _factors(self) -> tuple[float, ...]:
+        """Makes the target of each of the others `weight` times as long as that of the forces."""
+        return tuple(weight * self.force_norm / float(np.linalg.norm(rows.target)) for rows, weight in self.others)
 
     @cached_property
     def volume_row(self) -> Array:
@@ -39,21 +61,30 @@ class System:
 
     @cached_property
     def target(self) -> Array:
-        """(T r + 1,) float64."""
-        return np.append(self.forces.target, self.volume_weight * self.force_norm)
+        """The forces' target, the others', and that of the volume, (rows,) float64."""
+        others = [factor * rows.target for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
+        return np.concatenate([self.forces.target, *others, [self.volume_weight * self.force_norm]])
 
     def columns(self, points: Indices) -> Array:
-        """(T r + 1, c) float64."""
-        return np.vstack([self.forces.columns(points), self.volume_row[points]])
+        """(rows, c) float64."""
+        others = [factor * rows.columns(points) for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
+        return np.vstack([self.forces.columns(points), *others, self.volume_row[points]])
 
     def correlations(self, residual: Array) -> Array:
-        """Every column times a residual (T r + 1,); returns (s,) float64."""
-        correlations: Array = self.forces.correlations(residual[:-1]) + residual[-1] * self.volume_row
-        return correlations
+        """Every allowed column times a residual (rows,); returns (s,) float64, −inf for points not allowed."""
+        first = len(self.forces.target)
+        correlations = self.forces.correlations(residual[:first])
+        for factor, (rows, _) in zip(self._factors, self.others, strict=True):
+            part = slice(first, first + len(rows.target))
+            correlations += factor * rows.correlations(residual[part])
+            first = part.stop
+        allowed = np.full(self.n_points, -np.inf)
+        allowed[self.allowed] = (correlations + residual[-1] * self.volume_row)[self.allowed]
+        return allowed
 
     def error(self, residual: Array) -> float:
         """Relative error of the forces alone."""
-        return float(np.linalg.norm(residual[:-1])) / self.force_norm
+        return float(np.linalg.norm(residual[: len(self.forces.target)])) / self.force_norm
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +92,7 @@ class Candidates:
     """Some points, their columns and the multipliers x ≥ 0 of those chosen among them; the rest have x = 0.
 
     Every method returns new candidates. Columns are of unit length, `norms` (m,) what they were divided by; x fits the
-    unit columns. gram (m, m) is their Gram matrix and residual (T r + 1,) what is left of the target.
+    unit columns. gram (m, m) is their Gram matrix and residual (rows,) what is left of the target.
     """
 
     system: System
@@ -101,12 +132,26 @@ class Candidates:
 
     def refreshed(self, count: int) -> Candidates:
         """The chosen points and, as new company, the `count` others best correlated with the residual."""
-        kept = self._only_chosen()
         correlations = self.system.correlations(self.residual)
-        correlations[kept.points] = -np.inf
+        correlations[self.chosen] = -np.inf
         best = np.argsort(-correlations, kind="stable")[:count]
-        best = best[correlations[best] > 0]
-        return kept._with_points(best)
+        return self.among(best[correlations[best] > 0])
+
+    def among(self, others: Indices) -> Candidates:
+        """The chosen points and others as their new company."""
+        return self._only_chosen()._with_points(others)
+
+    def solved_on(self, points: Indices) -> Candidates:
+        """The non-negative solution on some points, whatever was chosen before."""
+        fresh = Candidates.none(self.system)._with_points(points)
+        x = nnls(fresh.gram, fresh.moments)
+        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
+
+    def given(self, points: Indices, multipliers: Array) -> Candidates:
+        """Points with multipliers that nothing was solved for."""
+        fresh = Candidates.none(self.system)._with_points(points)
+        x = multipliers * fresh.norms
+        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
 
     def with_best(self) -> Candidates | None:
         """With the candidate chosen whose unit column correlates best; None where no correlation is positive."""

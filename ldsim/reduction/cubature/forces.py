@@ -1,14 +1,16 @@
 """Reduced elastic forces of poses, point by point, without the matrix of points times poses.
 
 Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008,
-"Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I). Its inner product
-with a residual ρ needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the
-points a pose.
+"Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I; on the tangent of a
+nonlinear manifold Jain and Tiso 2017, "Simulation-free hyper-reduction for geometrically nonlinear structural dynamics:
+a quadratic manifold lifting approach", Sec. 4). Its inner product with a residual ρ needs no b_st: with
+y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,8 +20,8 @@ from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import Elements, add_elastic_gradient, point_stresses
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.kernels import add_point_powers
-from ldsim.reduction.cubature.poses import DecodedPoses, Poses, TruePoses
 from ldsim.reduction.decoder import Decoder
+from ldsim.threads import in_threads
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -30,21 +32,81 @@ POINTS_AT_ONCE = 64
 ROUNDING = 1e-13
 
 
-class ProjectedForces:
-    """The normalised reduced forces of T poses: their target, and each point's share of it.
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """A target between the forces of the decoded poses and those of the true ones.
 
-    A pose is u_t = U φ(z_t), or `displacement(t)` where given: the shares of the true poses, projected with the
-    decoder's Jacobian at z_t. Each pose is divided by max(‖f_t‖, floor · median ‖f‖), so that neither the most strained
-    poses nor those near rest decide alone. Poses of infinite energy are left out.
+    Attributes:
+        displacement: the true displacement of pose t, (n, 3), metres.
+        poses: how many there are; poses from this number on keep the forces of their decoded selves.
+        share: of the true force in the target, 0 … 1. As the shares of the points stay those of the decoded poses, it
+            is the same as fitting both targets with the weights `share` and 1 − `share`.
+
+    Raises:
+        SolverError: on a share outside 0 … 1.
+    """
+
+    displacement: Callable[[int], NDArray[np.floating]]
+    poses: int
+    share: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise SolverError(
+                f"cubature: closure share is {self.share:g}; allowed is 0 (decoded poses) … 1 (true poses)"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Some quadrature points with the rows of the basis at their vertices, renumbered from 0.
+
+    Attributes:
+        points: their numbers in the scene, (c,).
+        elements: the points themselves.
+        rows: U at their vertices, (v, 3, k).
+    """
+
+    points: Indices
+    elements: Elements
+    rows: Array
+
+    @classmethod
+    def of(cls, elements: Elements, U: Array, points: Indices) -> Part:
+        vertices, nodes = np.unique(elements.nodes[points], return_inverse=True)
+        part = Elements(
+            nodes.reshape(len(points), -1).astype(np.int32),
+            elements.gradients[points],
+            elements.weights[points],
+            elements.kind[points],
+            elements.mu[points],
+            elements.lam[points],
+        )
+        return cls(points, part, np.ascontiguousarray(U.reshape(-1, 3, U.shape[1])[vertices]))
+
+    def fields(self, q: Array) -> Array:
+        """U q at the vertices of the part for a batch q, (T, k) → (T, v, 3)."""
+        fields: Array = (q @ self.rows.reshape(-1, self.rows.shape[2]).T).reshape(len(q), -1, 3)
+        return fields
+
+
+class ProjectedForces:
+    """The normalised reduced forces of T poses u_t = U φ(z_t): their target, and each point's share of it.
+
+    Each pose is divided by max(‖f_t‖, floor · median ‖f‖), so that neither the most strained poses nor those near rest
+    decide alone. Poses of infinite energy are left out.
 
     Args:
         scene: the solid.
         U: basis, (3n, k) float64.
         decoder: φ: R^r → R^k; `Decoder.identity(k)` for the linear space.
         z: coordinates of the poses, (T, r) float64.
-        displacement: true displacement of pose t, (n, 3), metres; called again in every pass.
+        metric: W (r, r): forces are measured as ‖Wᵀ Jᵀ Uᵀ f‖ (`metric.rest_compliance`); None for ‖Jᵀ Uᵀ f‖.
+        closure: aims at the forces of true poses, in part or wholly; None for those of the decoded ones.
+        candidates: the points that `correlations` looks at, (c,); None for all. The target is always that of all.
         floor: smallest scale of a pose, as a share of the median.
         memory: bytes allowed for keeping stresses in float32; poses that do not fit are computed in every pass.
+        threads: that share out the poses, 0 for one a core. The result does not depend on it.
 
     Raises:
         SolverError: on shapes that do not fit, no pose of finite energy, or no pose with a force.
@@ -56,32 +118,41 @@ class ProjectedForces:
         U: Array,
         decoder: Decoder,
         z: Array,
-        displacement: Callable[[int], Array] | None = None,
+        *,
+        metric: Array | None = None,
+        closure: Closure | None = None,
+        candidates: Indices | None = None,
         floor: float = 0.05,
         memory: int = 2**30,
+        threads: int = 1,
     ) -> None:
         self._elements: Elements = scene.elements
         self._U = np.ascontiguousarray(U, dtype=np.float64)
+        self._memory, self._threads, self._candidates = memory, threads, candidates
         z = np.ascontiguousarray(z, dtype=np.float64)
         _check_shapes(scene, self._U, decoder, z, floor)
-        self._poses: Poses = (
-            DecodedPoses(self._U, decoder(z))
-            if displacement is None
-            else TruePoses(displacement, scene.mesh.n_vertices)
-        )
-        forces, finite = self._total_forces(len(z))
-        self.dropped = int((~finite).sum())
+        q = decoder(z)
+        forces, finite = self._total_forces(lambda t: self._U @ q[t], len(q))
+        if closure is not None:
+            aimed, possible = self._total_forces(_checked(closure, scene.mesh.n_vertices), min(closure.poses, len(q)))
+            forces[: len(aimed)] += closure.share * (aimed - forces[: len(aimed)])
+            finite[: len(aimed)] &= possible
         if not finite.any():
             raise SolverError(
                 f"cubature: all {len(z)} poses have infinite energy (inverted points); give poses without inversion or "
                 "use a material that allows it"
             )
-        self._kept = np.flatnonzero(finite)
+        self.kept: Indices = np.flatnonzero(finite)
+        self.dropped = len(z) - len(self.kept)
+        self._q = q[finite]
         self._jacobians = np.stack([decoder.jacobian(row) for row in z[finite]])
+        if metric is not None:
+            self._jacobians = self._jacobians @ metric
         reduced = np.einsum("tkr,tk->tr", self._jacobians, forces[finite])
-        self._scales = _pose_scales(np.linalg.norm(reduced, axis=1), floor, ROUNDING * _unit_force(self._elements))
-        self.target: Array = (reduced / self._scales[:, None]).ravel()
-        self._memory = memory
+        largest = 1.0 if metric is None else float(np.linalg.norm(metric, 2))
+        rounding = ROUNDING * largest * _unit_force(self._elements)
+        self.scales = pose_scales(np.linalg.norm(reduced, axis=1), floor, rounding)
+        self.target: Array = (reduced / self.scales[:, None]).ravel()
 
     @property
     def n_points(self) -> int:
@@ -90,7 +161,12 @@ class ProjectedForces:
     @property
     def n_poses(self) -> int:
         """The poses of finite energy, T."""
-        return len(self._kept)
+        return len(self.kept)
+
+    @property
+    def dimension(self) -> int:
+        """The rows of one pose, r."""
+        return int(self._jacobians.shape[2])
 
     @property
     def point_weights(self) -> Array:
@@ -99,83 +175,120 @@ class ProjectedForces:
 
     def columns(self, points: Indices) -> Array:
         """Normalised shares b_st / scale_t of some points with their full weights, (T r, c) float64."""
-        elements, vertices = _part(self._elements, np.asarray(points, dtype=np.int64))
-        rows = np.ascontiguousarray(self._U.reshape(-1, 3, self._U.shape[1])[vertices])
-        stresses = np.empty((self.n_poses, len(elements.weights), 9))
-        part_of_pose = self._poses.at(vertices)
-        for t, pose in enumerate(self._kept):
-            point_stresses(elements, part_of_pose(int(pose)), stresses[t])
-        columns = np.empty((*self._jacobians.shape[::2], len(elements.weights)))
-        for first in range(0, len(elements.weights), POINTS_AT_ONCE):
-            chunk = slice(first, first + POINTS_AT_ONCE)
-            columns[:, :, chunk] = self._projected(rows, elements, stresses, chunk)
-        columns /= self._scales[:, None, None]
+        part = Part.of(self._elements, self._U, np.asarray(points, dtype=np.int64))
+        stresses = np.empty((self.n_poses, len(part.points), 9))
+        for block in _blocks(self.n_poses):
+            for t, field in zip(block, part.fields(self._q[_span(block)]), strict=True):
+                point_stresses(part.elements, field, stresses[t])
+        chunks = [slice(first, first + POINTS_AT_ONCE) for first in range(0, len(part.points), POINTS_AT_ONCE)]
+        columns = np.empty((*self._jacobians.shape[::2], len(part.points)))
+
+        def project(chunk: slice) -> None:
+            columns[:, :, chunk] = self._projected(part, stresses, chunk)
+
+        for _ in in_threads(project, chunks, self._threads):
+            pass
+        columns /= self.scales[:, None, None]
         return columns.reshape(len(self.target), -1)
 
     def correlations(self, residual: Array) -> Array:
-        """Every point's column times a residual (T r,); returns (s,) float64."""
-        rho = residual.reshape(self.n_poses, -1) / self._scales[:, None]
+        """The candidates' columns times a residual (T r,), and zero for all other points; returns (s,) float64."""
+        rho = residual.reshape(self.n_poses, -1) / self.scales[:, None]
         y = np.einsum("tkr,tr->tk", self._jacobians, rho)
-        powers = np.zeros(self.n_points)
-        stresses = np.empty((self.n_points, 9))
-        stored = self._stored_stresses
-        for first in range(0, self.n_poses, POSES_AT_ONCE):
-            fields = y[first : first + POSES_AT_ONCE] @ self._U.T
-            for t, field in enumerate(fields.reshape(len(fields), -1, 3), start=first):
+        part, stored = self._part, self._stored_stresses
+
+        def block_powers(block: range) -> Array:
+            powers = np.zeros(len(part.points))
+            computed = np.empty((len(part.points), 9)) if block[-1] >= len(stored) else None
+            poses = part.fields(self._q[_span(block)]) if computed is not None else None
+            for i, (t, field) in enumerate(zip(block, part.fields(y[_span(block)]), strict=True)):
                 if t < len(stored):
-                    add_point_powers(self._elements, stored[t], field, powers)
+                    add_point_powers(part.elements, stored[t], field, powers)
                 else:
-                    point_stresses(self._elements, self._poses.whole(int(self._kept[t])), stresses)
-                    add_point_powers(self._elements, stresses, field, powers)
-        return powers
+                    assert computed is not None and poses is not None
+                    point_stresses(part.elements, poses[i], computed)
+                    add_point_powers(part.elements, computed, field, powers)
+            return powers
+
+        correlations = np.zeros(self.n_points)
+        for powers in in_threads(block_powers, _blocks(self.n_poses), self._threads):
+            correlations[part.points] += powers
+        return correlations
+
+    @cached_property
+    def _part(self) -> Part:
+        every = np.arange(self.n_points) if self._candidates is None else np.unique(self._candidates)
+        return Part.of(self._elements, self._U, every)
 
     @cached_property
     def _stored_stresses(self) -> NDArray[np.float32]:
-        """Stresses of the first poses, as many as memory allows, (≤ T, s, 9) float32, Pa."""
-        count = min(self.n_poses, self._memory // (self.n_points * 9 * 4))
-        stresses = np.empty((count, self.n_points, 9), dtype=np.float32)
-        for t, pose in enumerate(self._kept[:count]):
-            point_stresses(self._elements, self._poses.whole(int(pose)), stresses[t])
+        """Candidates' stresses in the first poses, as many as memory allows, (≤ T, c, 9) float32, Pa."""
+        part = self._part
+        count = min(self.n_poses, self._memory // (len(part.points) * 9 * 4))
+        stresses = np.empty((count, len(part.points), 9), dtype=np.float32)
+
+        def store(block: range) -> None:
+            for t, field in zip(block, part.fields(self._q[_span(block)]), strict=True):
+                point_stresses(part.elements, field, stresses[t])
+
+        for _ in in_threads(store, _blocks(count), self._threads):
+            pass
         return stresses
 
-    def _projected(self, rows: Array, elements: Elements, stresses: Array, chunk: slice) -> Array:
-        """b_st of a chunk of points with w_s, (T, r, c): J_tᵀ Σ_a U_aᵀ w_s P_s ∇N_a.
-
-        Args:
-            rows: the rows U_a, (v, 3, k).
-            stresses: P_s, (T, c, 9).
-        """
+    def _projected(self, part: Part, stresses: Array, chunk: slice) -> Array:
+        """b_st of a chunk of points with w_s, (T, r, c): J_tᵀ Σ_a U_aᵀ w_s P_s ∇N_a; stresses (T, c, 9)."""
+        elements = part.elements
         gradients = elements.gradients[chunk] * elements.weights[chunk, None, None]
-        G = np.einsum("caik,caj->ckij", rows[elements.nodes[chunk]], gradients)
+        G = np.einsum("caik,caj->ckij", part.rows[elements.nodes[chunk]], gradients)
         G = G.reshape(*G.shape[:2], 9)
         outer = G @ stresses[:, chunk].transpose(1, 2, 0)
         projected: Array = self._jacobians.transpose(0, 2, 1) @ outer.transpose(2, 1, 0)
         return projected
 
-    def _total_forces(self, count: int) -> tuple[Array, NDArray[np.bool_]]:
+    def _total_forces(self, displacement: Callable[[int], Array], count: int) -> tuple[Array, NDArray[np.bool_]]:
         """Uᵀ f of every pose, (T, k), N, and which poses have finite energy, (T,)."""
-        forces = np.zeros((count, self._U.shape[1]))
-        finite = np.zeros(count, dtype=bool)
-        gradient = np.empty((len(self._U) // 3, 3))
-        for t in range(count):
-            gradient[:] = 0.0
-            finite[t] = np.isfinite(add_elastic_gradient(self._elements, self._poses.whole(t), gradient))
-            forces[t] = gradient.ravel() @ self._U
-        return forces, finite & np.isfinite(forces).all(axis=1)
+        shape = (len(self._U) // 3, 3)
+
+        def force(t: int) -> tuple[Array, bool]:
+            gradient = np.zeros(shape)
+            energy = add_elastic_gradient(self._elements, displacement(t).reshape(shape), gradient)
+            return gradient.ravel() @ self._U, bool(np.isfinite(energy))
+
+        found = list(in_threads(force, range(count), self._threads))
+        forces = np.array([f for f, _ in found]).reshape(count, -1)
+        return forces, np.array([finite for _, finite in found], dtype=bool) & np.isfinite(forces).all(axis=1)
 
 
-def _part(elements: Elements, points: Indices) -> tuple[Elements, Indices]:
-    """Some points with their vertices renumbered from 0, and the numbers these vertices had."""
-    vertices, nodes = np.unique(elements.nodes[points], return_inverse=True)
-    part = Elements(
-        nodes.reshape(len(points), -1).astype(np.int32),
-        elements.gradients[points],
-        elements.weights[points],
-        elements.kind[points],
-        elements.mu[points],
-        elements.lam[points],
-    )
-    return part, vertices.astype(np.int64)
+def pose_scales(norms: Array, floor: float, rounding: float) -> Array:
+    """max(‖f_t‖, floor · median ‖f‖), N; never zero, for rest poses hold rounding errors alone.
+
+    Raises:
+        SolverError: no norm is above `rounding`.
+    """
+    if not norms.max() > rounding:
+        raise SolverError(f"cubature: the elastic force of all {len(norms)} poses is zero; give poses away from rest")
+    return np.maximum(norms, max(floor * float(np.median(norms)), rounding))
+
+
+def _blocks(count: int) -> list[range]:
+    """Poses in blocks that do not depend on the number of threads, and so neither do sums over them."""
+    return [range(first, min(first + POSES_AT_ONCE, count)) for first in range(0, count, POSES_AT_ONCE)]
+
+
+def _span(block: range) -> slice:
+    return slice(block.start, block.stop)
+
+
+def _checked(closure: Closure, n_vertices: int) -> Callable[[int], Array]:
+    """The true displacements, each reading checked, for the compiled loops do not."""
+
+    def displacement(t: int) -> Array:
+        u = np.ascontiguousarray(closure.displacement(t), dtype=np.float64)
+        if u.shape != (n_vertices, 3):
+            raise SolverError(f"cubature: displacement of pose {t} has shape {u.shape}; expected ({n_vertices}, 3)")
+        return u
+
+    return displacement
 
 
 def _unit_force(elements: Elements) -> float:
@@ -183,13 +296,6 @@ def _unit_force(elements: Elements) -> float:
     stress = elements.weights * (2 * elements.mu + elements.lam)
     shares = stress[:, None] * np.linalg.norm(elements.gradients, axis=2)
     return float(np.linalg.norm(np.bincount(elements.nodes.ravel(), shares.ravel())))
-
-
-def _pose_scales(norms: Array, floor: float, rounding: float) -> Array:
-    """max(‖f_t‖, floor · median ‖f‖), N; never zero, for rest poses hold rounding errors alone."""
-    if not norms.max() > rounding:
-        raise SolverError(f"cubature: the elastic force of all {len(norms)} poses is zero; give poses away from rest")
-    return np.maximum(norms, max(floor * float(np.median(norms)), rounding))
 
 
 def _check_shapes(scene: Scene, U: Array, decoder: Decoder, z: Array, floor: float) -> None:

@@ -1,4 +1,4 @@
-"""The one compiled loop of cubature that the mechanics does not have: power of every point's stress along a field."""
+"""The compiled loops of cubature that the mechanics does not have."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.mechanics.elastic import Elements
+from ldsim.mechanics.elastic import Elements, deformation_gradient
+from ldsim.mechanics.materials import energy
 
 Array = NDArray[np.float64]
 
@@ -26,3 +27,12 @@ def add_point_powers(elements: Elements, stresses: NDArray[np.floating], y: Arra
             total += y[v, 1] * (p10 * g0 + p11 * g1 + p12 * g2)
             total += y[v, 2] * (p20 * g0 + p21 * g1 + p22 * g2)
         powers[s] += elements.weights[s] * total
+
+
+@njit(cache=True, nogil=True)
+def add_point_energies(elements: Elements, u: Array, factor: float, energies: Array) -> None:
+    """Adds factor · w_s Ψ(F_s), J, to `energies` (s,); u is (n, 3) in metres."""
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        density = energy(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        energies[s] += factor * elements.weights[s] * density

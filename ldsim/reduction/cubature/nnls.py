@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 
 # Keeps two equal columns solvable; they then share their weight.
 RIDGE = 1e-13
+# A slope below this share of the largest at zero is rounding; each variable joins a few times at most.
+SLOPE = 1e-12
+JOINS = 3
 
 
 def solve_on_support(gram: Array, moments: Array, start: Array, support: NDArray[np.bool_]) -> Array:
@@ -42,6 +45,25 @@ def solve_on_support(gram: Array, moments: Array, start: Array, support: NDArray
         support[blocked[fractions <= fractions.min()]] = False
         x[~support] = 0.0
     return np.zeros_like(start)
+
+
+def nnls(gram: Array, moments: Array) -> Array:
+    """The solution, (m,): the steepest variable joins the support until none would lower the objective.
+
+    Lawson and Hanson 1974, Sec. 23.3, Algorithm NNLS.
+    """
+    x = np.zeros(len(moments))
+    for _ in range(JOINS * len(moments)):
+        slopes = np.where(x > 0, -np.inf, moments - gram @ x)
+        if len(x) == 0 or not slopes.max() > SLOPE * np.abs(moments).max():
+            break
+        support = x > 0
+        support[slopes.argmax()] = True
+        following = solve_on_support(gram, moments, x, support)
+        if np.array_equal(following, x):
+            break
+        x = following
+    return x
 
 
 def losses_without(gram: Array, x: Array) -> Array:

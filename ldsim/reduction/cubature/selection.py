@@ -1,17 +1,89 @@
-"""Which snapshots the cubature is fitted to, and which are kept back to judge it."""
+"""Which poses the cubature is fitted to, which are kept back to judge it, and the fit of one space."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
-from ldsim.reduction.cubature.fit import CubatureFit, Progress, fit, relative_error
-from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.fit import fit
+from ldsim.reduction.cubature.forces import Closure, ProjectedForces
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureFit, Progress, relative_errors
+from ldsim.reduction.cubature.metric import rest_compliance
+from ldsim.reduction.cubature.rows import Energies, ForceChanges, Rows
+from ldsim.reduction.decoder import Decoder
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+# Length of the steps that the tangent is taken over, as a share of the standard deviation of the poses.
+TANGENT_STEP = 0.02
+# What each draw of random numbers is for: each has a stream of its own.
+PERTURBED, TANGENTS, CANDIDATES, JUDGED = range(1, 5)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the cubature of a space is fitted, as `settings.CubatureSettings` declares it.
+
+    Attributes:
+        method: a name of `fit.METHODS`.
+        latent: project with the decoder's Jacobian; false for the space of U (An, Kim and James 2008).
+        compliance: measure forces by the displacement energy they cause at rest (`metric.rest_compliance`).
+        closure: share of the true poses' forces in the target.
+        perturbed, perturbation: perturbed states as a share of the poses, and their distance from them in standard
+            deviations of the poses.
+        tangent, energy: weights of the tangent and of the energy rows relative to the forces; 0 leaves them out.
+        candidates: most points looked at, drawn at random where there are more.
+        threads: 0 for one a core.
+    """
+
+    goal: Goal
+    method: str = "exchange"
+    latent: bool = True
+    compliance: bool = True
+    closure: float = 0.0
+    perturbed: float = 0.0
+    perturbation: float = 0.1
+    tangent: float = 0.0
+    energy: float = 0.0
+    candidates: int = 50_000
+    threads: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpace:
+    """A space with the coordinates of all training poses.
+
+    Attributes:
+        U: basis, (3n, k). stiffness: K̃₀ = UᵀK₀U, (k, k). z: coordinates of the poses, (N, r).
+        displacement: the true displacement of pose t of them, (n, 3), metres; only read for a closure.
+    """
+
+    scene: Scene
+    U: Array
+    decoder: Decoder
+    stiffness: Array
+    z: Array
+    displacement: Callable[[int], NDArray[np.floating]]
+
+    def in_basis(self) -> PoseSpace:
+        """The same poses in the linear space of all of U."""
+        return replace(self, decoder=Decoder.identity(self.decoder.k), z=self.decoder(self.z))
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """A fit with the errors of every set of its ladder, (l,), on poses kept back, and on perturbed states of these."""
+
+    fit: CubatureFit
+    heldout_errors: Array
+    perturbed_errors: Array
 
 
 def split_poses(frames: int, fitted: int, kept_back: int, seed: int) -> tuple[Indices, Indices]:
@@ -29,15 +101,61 @@ def split_poses(frames: int, fitted: int, kept_back: int, seed: int) -> tuple[In
     return np.sort(order[:fitted]), np.sort(order[fitted : fitted + kept_back])
 
 
-def fit_and_judge(
-    make: Callable[[Indices], ProjectedForces],
-    fitted: Indices,
-    kept_back: Indices,
-    tolerance: float,
-    max_points: int,
-    progress: Progress | None = None,
-) -> tuple[CubatureFit, NDArray[np.float64]]:
-    """Fit to some poses and give the relative error of every set of the ladder on others, (l,)."""
-    result = fit(make(fitted), tolerance, max_points, progress=progress)
-    judge = make(kept_back)
-    return result, np.array([relative_error(judge, entry) for entry in result.ladder])
+def select(
+    space: PoseSpace, fitted: Indices, kept_back: Indices, recipe: Recipe, progress: Progress | None = None
+) -> Selection:
+    """Fit to some poses and judge every set of the ladder on others.
+
+    The error on held-out and perturbed poses is in the space that will be stepped, whatever the fit was projected on.
+    """
+    found = _fit(space if recipe.latent else space.in_basis(), fitted, recipe, progress)
+    heldout = _forces(space, space.z[kept_back], recipe)
+    perturbed = _forces(space, perturb(space.z, kept_back, recipe.perturbation, (recipe.goal.seed, JUDGED)), recipe)
+    return Selection(found, relative_errors(heldout, found.ladder), relative_errors(perturbed, found.ladder))
+
+
+def perturb(z: Array, poses: Indices, size: float, seed: tuple[int, ...]) -> Array:
+    """Some poses, each moved at random by `size` standard deviations of all poses, (T, r)."""
+    steps = np.random.default_rng(seed).standard_normal((len(poses), z.shape[1]))
+    moved: Array = z[poses] + size * steps * z.std(axis=0)
+    return moved
+
+
+def _fit(space: PoseSpace, fitted: Indices, recipe: Recipe, progress: Progress | None) -> CubatureFit:
+    z, seed = space.z[fitted], recipe.goal.seed
+    extra = np.random.default_rng((seed, PERTURBED)).permutation(fitted)[: round(recipe.perturbed * len(fitted))]
+    every = np.concatenate([z, perturb(space.z, extra, recipe.perturbation, (seed, PERTURBED))])
+    closure = Closure(lambda t: space.displacement(int(fitted[t])), len(z), recipe.closure) if recipe.closure else None
+    candidates = _candidates(space.scene.points.n_points, recipe)
+    forces = _forces(space, every, recipe, closure, candidates)
+    others: list[tuple[Rows, float]] = []
+    if recipe.tangent:
+        steps = perturb(space.z, fitted, TANGENT_STEP, (seed, TANGENTS)) - z
+        both = _forces(space, np.concatenate([z + steps, z - steps]), recipe, None, candidates)
+        others.append((ForceChanges(both, len(z)), recipe.tangent))
+    if recipe.energy:
+        energies = Energies(space.scene, space.U, space.decoder, every, candidates, recipe.threads)
+        others.append((energies, recipe.energy))
+    return fit(forces, recipe.goal, recipe.method, others=tuple(others), candidates=candidates, progress=progress)
+
+
+def _candidates(points: int, recipe: Recipe) -> Indices | None:
+    if points <= recipe.candidates:
+        return None
+    rng = np.random.default_rng((recipe.goal.seed, CANDIDATES))
+    return np.sort(rng.choice(points, recipe.candidates, replace=False))
+
+
+def _forces(
+    space: PoseSpace, z: Array, recipe: Recipe, closure: Closure | None = None, candidates: Indices | None = None
+) -> ProjectedForces:
+    return ProjectedForces(
+        space.scene,
+        space.U,
+        space.decoder,
+        z,
+        metric=rest_compliance(space.stiffness, space.decoder, space.z) if recipe.compliance else None,
+        closure=closure,
+        candidates=candidates,
+        threads=recipe.threads,
+    )

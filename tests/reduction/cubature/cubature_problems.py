@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import MATERIALS, lame_parameters
+from ldsim.mechanics.materials import MATERIALS, energy, lame_parameters
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.reduction.decoder import Decoder
@@ -28,6 +28,32 @@ class Problem:
     decoder: Decoder
     z: Array
     held_out: Array
+
+
+class GivenColumns:
+    """The rows of cubature with a matrix given whole: target A 1."""
+
+    def __init__(self, A: Array, point_weights: Array) -> None:
+        self.A, self._weights, self._target = A, point_weights, A.sum(axis=1)
+
+    @property
+    def n_points(self) -> int:
+        return self.A.shape[1]
+
+    @property
+    def point_weights(self) -> Array:
+        return self._weights
+
+    @property
+    def target(self) -> Array:
+        return self._target
+
+    def columns(self, points: NDArray[np.int64]) -> Array:
+        return self.A[:, points]
+
+    def correlations(self, residual: Array) -> Array:
+        product: Array = self.A.T @ residual
+        return product
 
 
 def beam_mesh(cubes: tuple[int, int, int], cell_type: str, edge: float = 0.1) -> Mesh:
@@ -57,6 +83,14 @@ def beam_scene(cubes: tuple[int, int, int], cell_type: str, material: str = "sta
         gravity=np.array([0.0, 0.0, -9.81]),
         time_step=0.01,
     )
+
+
+def two_materials(scene: Scene) -> Scene:
+    """Every third cell ten times stiffer and of another material."""
+    third = np.arange(scene.mesh.n_cells) % 3 == 0
+    other = np.int8(MATERIALS["st_venant_kirchhoff"])
+    factor = np.where(third, 10.0, 1.0)
+    return replace(scene, material=np.where(third, other, scene.material), mu=factor * scene.mu, lam=factor * scene.lam)
 
 
 def smooth_poses(scene: Scene, count: int, seed: int) -> Array:
@@ -93,3 +127,13 @@ def latent_problem(scene: Scene, r: int, k: int, count: int, seed: int = 0) -> P
     skip[:r] = np.diag(q[:r])
     decoder = Decoder.network(weights, [rng.standard_normal(b) for b in sizes[1:-1]] + [np.zeros(k)], "elu", skip)
     return Problem(scene, linear.U, decoder, rng.standard_normal((count, r)), rng.standard_normal((count, r)))
+
+
+def point_energies(p: Problem, u: Array) -> Array:
+    """w_s Ψ(F_s), (s,), with F by einsum."""
+    e = p.scene.elements
+    F = np.eye(3) + np.einsum("sai,saj->sij", u.reshape(-1, 3)[e.nodes], e.gradients)
+    densities = [
+        energy(kind, tuple(f.ravel()), mu, lam) for kind, f, mu, lam in zip(e.kind, F, e.mu, e.lam, strict=True)
+    ]
+    return e.weights * np.array(densities)

@@ -7,34 +7,22 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ldsim.errors import SolverError
-from ldsim.reduction.cubature.fit import CubatureFit, CubatureSet, fit, relative_error
+from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
-from tests.reduction.cubature.cubature_problems import Problem, beam_scene, latent_problem, linear_problem
-
-Array = NDArray[np.float64]
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureFit, CubatureSet, relative_error, relative_errors
+from tests.reduction.cubature.cubature_problems import (
+    GivenColumns,
+    Problem,
+    beam_scene,
+    latent_problem,
+    linear_problem,
+)
 
 TOLERANCE = 0.05
-
-
-class GivenColumns:
-    """The interface of `ProjectedForces` on a matrix given whole: target A 1."""
-
-    def __init__(self, A: Array, point_weights: Array) -> None:
-        self.A, self.point_weights, self.target = A, point_weights, A.sum(axis=1)
-
-    @property
-    def n_points(self) -> int:
-        return self.A.shape[1]
-
-    def columns(self, points: NDArray[np.int64]) -> Array:
-        return self.A[:, points]
-
-    def correlations(self, residual: Array) -> Array:
-        return self.A.T @ residual
 
 
 PROBLEMS: dict[str, Callable[[], Problem]] = {
@@ -52,7 +40,7 @@ def forces_of(name: str) -> ProjectedForces:
 
 @cache
 def fitted(name: str, volume_weight: float = 0.3) -> CubatureFit:
-    return fit(forces_of(name), TOLERANCE, max_points=100, volume_weight=volume_weight)
+    return fit(forces_of(name), Goal(TOLERANCE, 100, volume_weight))
 
 
 @pytest.fixture(params=PROBLEMS)
@@ -89,7 +77,7 @@ def test_the_ladder_climbs_to_the_best_set_with_positive_weights_and_true_errors
 
 @pytest.mark.parametrize("tolerance", [0.4, 0.2, 0.15, 0.1, 0.07, 0.03])
 def test_the_best_set_is_the_smallest_of_the_ladder_that_meets_the_tolerance(name: str, tolerance: float) -> None:
-    found = fit(forces_of(name), tolerance, max_points=100)
+    found = fit(forces_of(name), Goal(tolerance, 100))
     assert found.best.training_error <= tolerance
     assert all(rung.training_error > tolerance for rung in found.ladder[:-1])
 
@@ -119,7 +107,7 @@ def test_an_exact_small_set_is_found_where_all_points_are_copies_of_a_few() -> N
     origin = rng.permutation(np.repeat(np.arange(7), 30))
     copies = few[:, origin] * rng.uniform(0.5, 2.0, len(origin))
     problem = GivenColumns(copies, rng.uniform(1.0, 2.0, len(origin)))
-    found = fit(problem, 1e-6, max_points=50, volume_weight=0.0)  # type: ignore[arg-type]
+    found = fit(problem, Goal(1e-6, 50, 0.0))
     assert found.met
     assert sorted(origin[found.best.points]) == list(range(7))
 
@@ -130,23 +118,23 @@ def test_a_greedy_choice_that_a_pair_makes_superfluous_is_taken_out_again() -> N
     first = (a + b) / np.sqrt(2) + 0.3 * noise
     A = np.stack([a, b, 0.9 * first, -0.9 * first], axis=1)
     problem = GivenColumns(A, np.ones(4))
-    found = fit(problem, 1e-6, max_points=4, volume_weight=0.0)  # type: ignore[arg-type]
+    found = fit(problem, Goal(1e-6, 4, 0.0))
     assert found.ladder[0].points.tolist() == [2]
     assert found.best.points.tolist() == [0, 1]
     assert np.allclose(found.best.weights, 1.0)
 
 
 def test_exchanges_lower_the_error_of_as_many_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    exchanged = fit(forces_of("linear tet4"), 1e-4, max_points=12)
-    monkeypatch.setattr("ldsim.reduction.cubature.fit.EXCHANGES", 0)
-    greedy = fit(forces_of("linear tet4"), 1e-4, max_points=12)
+    exchanged = fit(forces_of("linear tet4"), Goal(1e-4, 12))
+    monkeypatch.setattr("ldsim.reduction.cubature.exchange.EXCHANGES", 0)
+    greedy = fit(forces_of("linear tet4"), Goal(1e-4, 12))
     assert len(greedy.best.points) == len(exchanged.best.points) == 12
     assert exchanged.best.training_error < 0.95 * greedy.best.training_error
 
 
 @pytest.mark.parametrize("limit", [1, 5])
 def test_the_limit_of_points_holds_and_the_miss_is_told(limit: int) -> None:
-    found = fit(forces_of("linear tet4"), 1e-4, max_points=limit)
+    found = fit(forces_of("linear tet4"), Goal(1e-4, limit))
     assert not found.met
     assert len(found.best.points) <= limit
     assert found.best.training_error == min(rung.training_error for rung in found.ladder)
@@ -154,7 +142,8 @@ def test_the_limit_of_points_holds_and_the_miss_is_told(limit: int) -> None:
 
 def test_progress_tells_falling_errors_while_points_are_added() -> None:
     told: list[tuple[int, float]] = []
-    fit(forces_of("linear tet4"), TOLERANCE, 100, 0.0, lambda points, error: told.append((points, error)))
+    goal = Goal(TOLERANCE, 100, 0.0)
+    fit(forces_of("linear tet4"), goal, progress=lambda points, error: told.append((points, error)))
     grown = next(i for i, (_, error) in enumerate(told) if error <= TOLERANCE) + 1
     errors = [error for _, error in told[:grown]]
     assert told[0][0] == 1
@@ -175,7 +164,7 @@ def test_progress_tells_falling_errors_while_points_are_added() -> None:
 def test_a_setting_out_of_range_is_refused(options: dict[str, float], words: str) -> None:
     settings = {"tolerance": 0.1, "max_points": 10, "volume_weight": 0.0} | options
     with pytest.raises(SolverError, match=words):
-        fit(forces_of("latent tet4"), **settings)  # type: ignore[arg-type]
+        Goal(**settings)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -191,6 +180,12 @@ def test_a_setting_out_of_range_is_refused(options: dict[str, float], words: str
 def test_a_set_that_is_no_quadrature_rule_is_refused(points: list[int], weights: list[float], words: str) -> None:
     with pytest.raises(SolverError, match=words):
         CubatureSet(np.array(points), np.array(weights), 0.0)
+
+
+def test_the_errors_of_many_sets_are_those_of_each() -> None:
+    forces, ladder = forces_of("latent tet4"), fitted("latent tet4").ladder
+    one_by_one = [relative_error(forces, rung) for rung in ladder]
+    assert np.allclose(relative_errors(forces, ladder), one_by_one, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("point", [-1, 10**6])

@@ -10,10 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
-from ldsim.mechanics.materials import energy
-from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.forces import Closure, ProjectedForces
 from ldsim.reduction.decoder import Decoder
-from tests.reduction.cubature.cubature_problems import Problem, beam_scene, latent_problem, linear_problem, smooth_poses
+from tests.reduction.cubature.cubature_problems import (
+    Problem,
+    beam_scene,
+    latent_problem,
+    linear_problem,
+    point_energies,
+    smooth_poses,
+    two_materials,
+)
 
 Array = NDArray[np.float64]
 
@@ -21,6 +28,7 @@ PROBLEMS = {
     "linear tet4": lambda: linear_problem(beam_scene((4, 2, 2), "tet4"), k=6, count=20),
     "latent tet4": lambda: latent_problem(beam_scene((4, 2, 2), "tet4"), r=4, k=9, count=20),
     "latent hex8": lambda: latent_problem(beam_scene((3, 2, 1), "hex8"), r=4, k=9, count=20),
+    "two materials": lambda: latent_problem(two_materials(beam_scene((4, 2, 2), "tet4")), r=4, k=9, count=20),
 }
 
 
@@ -36,16 +44,6 @@ def case(request: pytest.FixtureRequest) -> Problem:
 
 def forces_of(p: Problem, **options: object) -> ProjectedForces:
     return ProjectedForces(p.scene, p.U, p.decoder, p.z, **options)
-
-
-def point_energies(p: Problem, u: Array) -> Array:
-    """w_s Ψ(F_s), (s,), with F by einsum."""
-    e = p.scene.elements
-    F = np.eye(3) + np.einsum("sai,saj->sij", u.reshape(-1, 3)[e.nodes], e.gradients)
-    densities = [
-        energy(kind, tuple(f.ravel()), mu, lam) for kind, f, mu, lam in zip(e.kind, F, e.mu, e.lam, strict=True)
-    ]
-    return e.weights * np.array(densities)
 
 
 def dense_shares(p: Problem, poses: Array, step: float = 1e-5) -> Array:
@@ -77,13 +75,54 @@ def test_columns_target_and_correlations_agree_with_differenced_energies(case: P
     assert np.abs(forces.correlations(residual) - correlations).max() < 1e-6 * np.abs(correlations).max()
 
 
-def test_true_poses_are_projected_with_the_jacobian_of_the_latent_ones() -> None:
-    case = problem("latent tet4")
-    true = smooth_poses(case.scene, len(case.z), seed=7)
-    forces = forces_of(case, displacement=lambda t: true[t].reshape(-1, 3))
-    dense = normalised(dense_shares(case, true), 0.05)
-    assert np.abs(forces.columns(np.arange(forces.n_points)) - dense).max() < 1e-6 * np.abs(dense).max()
-    assert np.abs(forces.target - forces_of(case).target).max() > 0.1
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_closure_moves_the_target_to_the_forces_of_the_true_poses_and_keeps_the_shares(share: float) -> None:
+    case, count = problem("latent tet4"), 15
+    true = smooth_poses(case.scene, count, seed=7)
+    forces = forces_of(case, closure=Closure(lambda t: true[t].reshape(-1, 3), count, share))
+    decoded = dense_shares(case, case.decoder(case.z) @ case.U.T)
+    aim = decoded.sum(axis=2)
+    aim[:count] = (1 - share) * aim[:count] + share * dense_shares(case, true).sum(axis=2)
+    norms = np.linalg.norm(aim, axis=1)
+    scales = np.maximum(norms, 0.05 * np.median(norms))[:, None]
+    assert np.abs(forces.target - (aim / scales).ravel()).max() < 1e-6
+    columns = (decoded / scales[:, :, None]).reshape(-1, decoded.shape[2])
+    assert np.abs(forces.columns(np.arange(forces.n_points)) - columns).max() < 1e-6 * np.abs(columns).max()
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_closure_outside_its_range_is_refused(share: float) -> None:
+    with pytest.raises(SolverError, match="closure share is"):
+        Closure(lambda t: np.zeros((3, 3)), 1, share)
+
+
+def test_a_metric_turns_every_share_and_the_scale_of_each_pose(case: Problem) -> None:
+    metric = np.random.default_rng(5).standard_normal((case.decoder.r, case.decoder.r))
+    dense = dense_shares(case, case.decoder(case.z) @ case.U.T)
+    turned = normalised(np.einsum("ri,trs->tis", metric, dense), 0.05)
+    columns = forces_of(case, metric=metric).columns(np.arange(dense.shape[2]))
+    assert np.abs(columns - turned).max() < 1e-6 * np.abs(turned).max()
+
+
+def test_candidates_limit_the_correlations_and_nothing_else() -> None:
+    case = problem("latent hex8")
+    few = np.array([40, 3, 17])
+    forces, some = forces_of(case), forces_of(case, candidates=few)
+    residual = np.random.default_rng(6).standard_normal(len(forces.target))
+    expected = np.zeros(forces.n_points)
+    expected[few] = forces.correlations(residual)[few]
+    assert np.allclose(some.correlations(residual), expected, rtol=1e-12)
+    assert np.array_equal(some.target, forces.target)
+    assert np.array_equal(some.columns(np.array([0, 5])), forces.columns(np.array([0, 5])))
+
+
+def test_the_number_of_threads_changes_no_bit(case: Problem) -> None:
+    one, four = forces_of(case, threads=1), forces_of(case, threads=4)
+    residual = np.random.default_rng(7).standard_normal(len(one.target))
+    points = np.arange(one.n_points)
+    assert np.array_equal(one.target, four.target)
+    assert np.array_equal(one.correlations(residual), four.correlations(residual))
+    assert np.array_equal(one.columns(points), four.columns(points))
 
 
 def test_all_columns_sum_to_the_target(case: Problem) -> None:
@@ -127,8 +166,8 @@ def test_inverted_poses_are_left_out_and_counted() -> None:
     assert np.array_equal(forces.columns(points), expected.columns(points))
     assert np.array_equal(forces.correlations(residual), expected.correlations(residual))
     poses = (z @ case.U.T).reshape(len(z), -1, 3)
-    true = forces_of(replace(case, z=z), displacement=lambda t: poses[t], memory=0)
-    assert np.allclose(true.correlations(residual), expected.correlations(residual), rtol=1e-5)
+    true = forces_of(replace(case, z=z), closure=Closure(lambda t: poses[t], len(z), 1.0))
+    assert np.allclose(true.target, expected.target, rtol=0, atol=1e-13)
 
 
 def bad_inputs() -> dict[str, tuple[Problem, dict[str, object], str]]:
@@ -143,7 +182,11 @@ def bad_inputs() -> dict[str, tuple[Problem, dict[str, object], str]]:
         "floor of zero": (case, {"floor": 0.0}, "floor is 0"),
         "only poses at rest": (replace(case, z=0 * case.z), {}, "is zero"),
         "only inverted poses": (replace(hookean, z=1e4 * case.z), {}, "infinite energy"),
-        "true poses of another mesh": (case, {"displacement": lambda t: short}, "displacement of pose 0"),
+        "true poses of another mesh": (
+            case,
+            {"closure": Closure(lambda t: short, len(case.z), 0.5)},
+            "displacement of pose 0",
+        ),
     }
 
 

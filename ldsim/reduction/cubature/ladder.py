@@ -1,0 +1,125 @@
+"""Sets of cubature points: a smaller quadrature rule, and the best one found of each size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import SolverError
+from ldsim.reduction.cubature.candidates import Candidates
+from ldsim.reduction.cubature.rows import Rows
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Progress = Callable[[int, float], None]
+
+POINTS_AT_ONCE = 512
+
+
+@dataclass(frozen=True, eq=False)
+class CubatureSet:
+    """A smaller quadrature rule.
+
+    Attributes:
+        points: quadrature points of the scene, ascending, (c,) int64.
+        weights: their weights, (c,) float64, m³, positive; they replace the scene's.
+        training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
+
+    Raises:
+        SolverError: on shapes that differ, a point given twice, or a weight that is not positive and finite.
+    """
+
+    points: Indices
+    weights: Array
+    training_error: float
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 1 or self.points.shape != self.weights.shape:
+            raise SolverError(
+                f"cubature set has points of shape {self.points.shape} and weights of shape {self.weights.shape}; "
+                "both must be (c,)"
+            )
+        if len(np.unique(self.points)) < len(self.points):
+            raise SolverError("cubature set has a point twice; give each one weight")
+        if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):
+            raise SolverError(f"cubature weight is {self.weights.min():g} m³; all must be positive and finite")
+
+
+@dataclass(frozen=True)
+class CubatureFit:
+    """What a fit found.
+
+    Attributes:
+        ladder: sets of growing size and falling error, the last of which is `best`.
+        best: the smallest set found that meets the tolerance, or else the one of least error.
+        met: whether `best` meets the tolerance.
+    """
+
+    ladder: tuple[CubatureSet, ...]
+    best: CubatureSet
+    met: bool
+
+
+class Ladder:
+    """The best set seen of each size.
+
+    Args:
+        progress: told the number of points and the relative error after each change.
+    """
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self._sets: dict[int, CubatureSet] = {}
+        self._progress = progress
+
+    def record(self, state: Candidates) -> None:
+        error = state.error
+        known = self._sets.get(state.size)
+        if state.size and (known is None or error < known.training_error):
+            order = np.argsort(state.chosen)
+            points = state.chosen[order]
+            weights = state.multipliers[order] * state.system.forces.point_weights[points]
+            self._sets[state.size] = CubatureSet(points, weights, error)
+        if self._progress is not None:
+            self._progress(state.size, error)
+
+    def result(self, tolerance: float) -> CubatureFit:
+        """Sizes upwards, leaving out what is no better than a smaller set, to the first that meets the tolerance."""
+        rungs: list[CubatureSet] = []
+        for _, candidate in sorted(self._sets.items()):
+            if rungs and candidate.training_error >= rungs[-1].training_error:
+                continue
+            rungs.append(candidate)
+            if candidate.training_error <= tolerance:
+                break
+        return CubatureFit(tuple(rungs), rungs[-1], rungs[-1].training_error <= tolerance)
+
+
+def relative_errors(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
+    """‖Σ w b − target‖ / ‖target‖ of each set over the normalised poses of `forces`, trained on or not, (l,).
+
+    Raises:
+        SolverError: a set has points that the scene does not have.
+    """
+    points = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(entry.points for entry in sets)]))
+    if len(points) and not (points[0] >= 0 and points[-1] < forces.n_points):
+        raise SolverError(
+            f"cubature set has points {points[0]} … {points[-1]}, the scene has {forces.n_points}; use the scene "
+            "it was fitted on"
+        )
+    multipliers = np.zeros((len(points), len(sets)))
+    for i, entry in enumerate(sets):
+        multipliers[np.searchsorted(points, entry.points), i] = entry.weights / forces.point_weights[entry.points]
+    residuals = np.repeat(forces.target[:, None], len(sets), axis=1)
+    for first in range(0, len(points), POINTS_AT_ONCE):
+        chunk = slice(first, first + POINTS_AT_ONCE)
+        residuals -= forces.columns(points[chunk]) @ multipliers[chunk]
+    errors: Array = np.linalg.norm(residuals, axis=0) / np.linalg.norm(forces.target)
+    return errors
+
+
+def relative_error(forces: Rows, cubature: CubatureSet) -> float:
+    """`relative_errors` of one set."""
+    return float(relative_errors(forces, [cubature])[0])

@@ -1,0 +1,64 @@
+"""`ldsim cubature`: what it tells, what its exit status means, and which of its sets `simulate` takes."""
+
+from __future__ import annotations
+
+import h5py
+import pytest
+
+from ldsim.artefacts.records import read_cubature
+from ldsim.artefacts.simulation import read_simulation
+from ldsim.cli.cubature import MISSED
+from tests.cli.experiments import TINY, Experiment
+
+CUBATURE = TINY["cubature"]
+
+
+def test_it_tells_and_stores_the_errors_on_fitted_held_out_and_perturbed_poses(experiment: Experiment) -> None:
+    result = experiment.invoke("cubature")
+    spaces, _ = read_cubature(experiment.run / "cubature.h5")
+    for space, stored in spaces.items():
+        assert stored.perturbed_errors is not None
+        errors = stored.best.training_error, stored.heldout_errors[-1], stored.perturbed_errors[-1]
+        words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
+        assert f"{space}: {len(stored.best.points)} points, relative error {words}" in result.stdout
+
+
+def test_a_missed_tolerance_is_told_by_the_status_and_costs_no_artefact(experiment: Experiment) -> None:
+    experiment.configure(TINY | {"cubature": CUBATURE | {"tolerance": 1e-6, "max_points": 3}})
+    result = experiment.invoke("cubature")
+    assert result.exit_code == MISSED
+    assert "warning: the latent cubature reached a relative error of" in result.stderr
+    assert "with 3 points, asked were 1e-06 with at most 3; it was written all the same" in result.stderr
+    spaces, _ = read_cubature(experiment.run / "cubature.h5")
+    assert len(spaces["latent"].best.points) == 3
+    assert experiment.invoke("simulate").exit_code == 0
+
+
+@pytest.mark.parametrize("options", [{"method": "ecsw"}, {"project": "linear"}, {"closure": 0.2, "norm": "force"}])
+def test_another_recipe_gives_other_points(experiment: Experiment, options: dict[str, object]) -> None:
+    before, _ = read_cubature(experiment.run / "cubature.h5")
+    experiment.configure(TINY | {"cubature": CUBATURE | options})
+    assert experiment.invoke("cubature").exit_code in (0, MISSED)
+    after, _ = read_cubature(experiment.run / "cubature.h5")
+    assert after["latent"].best.weights.tolist() != before["latent"].best.weights.tolist()
+
+
+def test_simulate_takes_the_set_of_so_many_points(experiment: Experiment) -> None:
+    def coordinates(**settings: int) -> list[float]:
+        experiment.configure(TINY | {"simulate": TINY["simulate"] | settings})
+        assert experiment.invoke("simulate").exit_code == 0
+        runs, _ = read_simulation(experiment.run / "simulation.h5")
+        found = runs["latent"]["a"].coordinates
+        assert found is not None
+        return found[-1].round(9).tolist()
+
+    ladder = read_cubature(experiment.run / "cubature.h5")[0]["latent"].ladder
+    assert coordinates(points=1) != coordinates()
+    assert coordinates(points=len(ladder[-1].points)) == pytest.approx(coordinates(), abs=1e-6)
+
+
+def test_sets_of_an_older_version_without_perturbed_errors_are_read(experiment: Experiment) -> None:
+    path = experiment.run / "cubature.h5"
+    with h5py.File(path, "r+") as file:
+        del file["latent/ladder_perturbed_errors"]
+    assert read_cubature(path)[0]["latent"].perturbed_errors is None
