@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +24,7 @@ from ldsim.evaluation.camera import View, depths, limits_of, look_at, project, s
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.integer]
+Picture: TypeAlias = Image.Image
 
 CLAY = (0.72, 0.76, 0.80)
 TEXT_GREY = "#828a93"
@@ -174,6 +176,14 @@ def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
         buffer, "WEBP", save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0, quality=60, method=3
     )
     return buffer.getvalue()
+
+
+def on_white(picture: Picture) -> NDArray[np.uint8]:
+    """The picture's pixels on a white ground, cut to even sides as video codecs want them, (height, width, 3)."""
+    ground = Image.new("RGBA", picture.size, "white")
+    ground.alpha_composite(picture)
+    pixels = np.asarray(ground.convert("RGB"))
+    return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
 
 
 def _visible_back_to_front(view: View, screen: Array, triangles: Triangles) -> NDArray[np.intp]:

@@ -37,11 +37,11 @@ def model_arrays(source: Source) -> Arrays:
         "pull_stiffness": np.array([pull[1]]),
     }
     for name, space in source.spaces.items():
-        arrays |= {f"{name}/{key}": values for key, values in _space_arrays(scene, space).items()}
+        arrays |= {f"{name}/{key}": values for key, values in space_arrays(scene, space).items()}
     return arrays
 
 
-def _space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
+def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
     """One space: the decoder's layers, the cubature's strain maps and materials, M̃, K̃₀ and the unit loads."""
     layers, points, U = space.decoder.layers, space.cubature.points, space.U
     elements = scene.elements

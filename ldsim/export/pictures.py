@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
 
 from ldsim.evaluation.camera import look_at_broadside, upright
-from ldsim.evaluation.drawing import moving_pictures, webp
+from ldsim.evaluation.drawing import Picture, moving_pictures, on_white, webp
 from ldsim.export.source import Playback
 from ldsim.mesh.surface import surface_triangles
 
@@ -43,7 +41,7 @@ def frames_apart(playback: Playback, rate: float) -> int:
     return max(1, int(np.ceil(1 / (rate * playback.frame_seconds) - 1e-9)))
 
 
-def _pictures(playback: Playback, stride: int, width: int) -> Iterator[Image.Image]:
+def _pictures(playback: Playback, stride: int, width: int) -> Iterator[Picture]:
     """Every stride-th frame, upright and seen from its broad side."""
     turn = upright(playback.scene.gravity)
     rest = playback.mesh.vertices @ turn.T
@@ -63,7 +61,7 @@ def _write_video(playback: Playback, path: Path, suffix: str, codec: str, option
     writer = None
     try:
         for picture in _pictures(playback, stride, VIDEO_WIDTH):
-            pixels = _on_white(picture)
+            pixels = on_white(picture)
             if writer is None:
                 size = (pixels.shape[1], pixels.shape[0])
                 writer = imageio_ffmpeg.write_frames(
@@ -76,11 +74,3 @@ def _write_video(playback: Playback, path: Path, suffix: str, codec: str, option
         target.replace(path)
     finally:
         target.unlink(missing_ok=True)
-
-
-def _on_white(picture: Image.Image) -> NDArray[np.uint8]:
-    """The picture's pixels on a white ground, cut to even sides, (height, width, 3)."""
-    ground = Image.new("RGBA", picture.size, "white")
-    ground.alpha_composite(picture)
-    pixels = np.asarray(ground.convert("RGB"))
-    return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
