@@ -13,8 +13,8 @@ from ldsim.artefacts.store import replacing
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb
-from ldsim.export.playground import write_playground
 from ldsim.export.pictures import write_mp4, write_webm, write_webp
+from ldsim.export.playground import write_playground
 from ldsim.export.source import Playback, Source
 from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
 from ldsim.export.usd import write_usd
@@ -53,9 +53,7 @@ FORMATS: dict[str, Format] = {
     "vtk": Format("one .vtu a frame and a .pvd with their times, for ParaView", motion=write_vtu_series),
     "xdmf": Format("XDMF with one HDF5 file, for ParaView", motion=write_xdmf),
     "gltf": Format("glTF 2.0 with morph targets, for viewers and game engines", ".glb", motion=write_glb),
-    "usd": Format(
-        "USD with blend shapes", ".usdc", motion=write_usd, extra=Extra("pxr", "pip install 'ldsim[usd]'")
-    ),
+    "usd": Format("USD with blend shapes", ".usdc", motion=write_usd, extra=Extra("pxr", "pip install 'ldsim[usd]'")),
     "obj": Format("the surface, one .obj a frame", motion=write_obj_sequence),
     "ply": Format("the surface, one binary .ply a frame", motion=write_ply_sequence),
     "webp": Format("an animated picture", ".webp", motion=write_webp),

@@ -1,7 +1,7 @@
 """glTF 2.0 binary: the basis as morph targets, the coordinates as an animation of their weights (Khronos, glTF 2.0).
 
-A vertex is v + Σ w_j t_j in any viewer. With t_j = a_j U_j and w_j = q_j / a_j, a_j = max |q_j| over the motion, that is
-v + U q with weights in −1 … 1. Normals follow to first order: each target carries the derivative of the vertex normals.
+A vertex is v + Σ w_j t_j in any viewer. With t_j = a_j U_j, w_j = q_j / a_j and a_j = max |q_j| over the motion, that
+is v + U q with weights in −1 … 1. Normals follow to first order: each target carries the derivative of the normals.
 """
 
 from __future__ import annotations

@@ -184,7 +184,7 @@ class Source:
         name = _known("motion", motion or next(name for name in self.motions if name in ran), ran)
         coordinates = ran[name].coordinates
         assert coordinates is not None, "reduced runs keep their coordinates"
-        finite = np.isfinite(coordinates).all(axis=1)
+        finite: NDArray[np.bool_] = np.isfinite(coordinates).all(axis=1)
         frames = len(finite) if finite.all() else int(finite.argmin())
         if frames == 0:
             raise ExportError(f"motion {name!r} diverged in the first frame of the {space} space; nothing to export")

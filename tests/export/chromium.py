@@ -55,9 +55,7 @@ class Browser:
 
     def open(self, page: Path, width: int = 1000, height: int = 700, ready: str = "true", mobile: bool = False) -> None:
         """Load a file and wait until an expression is true."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile
-        )
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
         self.call("Page.navigate", url=page.resolve().as_uri())
         self.until(f"document.readyState === 'complete' && Boolean({ready})")
 

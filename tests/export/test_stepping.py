@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
-from ldsim.export.arrays import space_arrays, safetensors
+from ldsim.export.arrays import safetensors, space_arrays
 from ldsim.export.source import ReducedSpace
 from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
@@ -85,9 +85,7 @@ def apply_tangent(U: Any, V: Any, D: Any, O: Any, dF: Array) -> Array:
 @pytest.fixture(scope="module")
 def answers() -> dict[str, list[Any]]:
     """Every material at the same deformations, from one run of node."""
-    cases = [
-        [kind, F.ravel().tolist(), MU, LAM] for kind in MATERIALS.values() for F in [*deformations(8), np.eye(3)]
-    ]
+    cases = [[kind, F.ravel().tolist(), MU, LAM] for kind in MATERIALS.values() for F in [*deformations(8), np.eye(3)]]
     results = iter(run_javascript(TRY_MATERIALS, cases))
     return {name: [next(results) for _ in range(9)] for name in MATERIALS}
 
