@@ -29,3 +29,7 @@ class SettingsError(LdsimError):
 
 class ArtefactError(LdsimError):
     """An HDF5 artefact is missing, truncated, of another kind or of another experiment."""
+
+
+class ExportError(LdsimError):
+    """A run cannot be written in the wanted format, motion or space."""

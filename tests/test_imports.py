@@ -30,7 +30,7 @@ ALLOWED = {
     # The simulator's level: runs many motions and keeps their frames.
     "ensemble": ["artefacts"],
     "evaluation": ["simulator"],
-    "export": ["simulator"],
+    "export": ["evaluation"],
     "viewer": ["simulator"],
     "settings": ["errors"],
     "cli": ["settings", "ensemble", "evaluation", "export", "viewer"],

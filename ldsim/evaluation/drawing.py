@@ -5,9 +5,10 @@ A picture has a transparent background and text in a middle grey, so that it rea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +24,7 @@ from ldsim.evaluation.camera import View, depths, limits_of, look_at, project, s
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.integer]
+Picture: TypeAlias = Image.Image
 
 CLAY = (0.72, 0.76, 0.80)
 TEXT_GREY = "#828a93"
@@ -148,26 +150,40 @@ def animation(
     total = len(motions[0][1])
     shown = np.unique(np.linspace(0, total - 1, min(total, max_frames)).round().astype(int))
     thinned = [(title, np.asarray(positions[shown], dtype=np.float64)) for title, positions in motions]
-    everything = np.concatenate([positions for _, positions in thinned])
+    pictures = list(moving_pictures(thinned, triangles, view, width))
+    return webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
+
+
+def moving_pictures(
+    motions: Sequence[tuple[str, Array]], triangles: Triangles, view: View | None = None, width: int = 720
+) -> Iterator[Image.Image]:
+    """One picture a frame of several runs side by side, by one camera in one framing; see `animation`."""
+    everything = np.concatenate([positions for _, positions in motions])
     view = view or look_at(everything)
     limits = limits_of(view, everything)
-    pictures = []
-    for frame in range(len(shown)):
-        figure, panels = _row_of_panels(len(thinned), limits, width, bar=False)
-        for ax, (title, positions) in zip(panels, thinned, strict=True):
+    for frame in range(len(motions[0][1])):
+        figure, panels = _row_of_panels(len(motions), limits, width, bar=False)
+        for ax, (title, positions) in zip(panels, motions, strict=True):
             draw_mesh(ax, positions[frame], triangles, view, limits)
             _title(ax, title, width)
-        pictures.append(_rasterised(figure))
-    return _webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
+        yield _rasterised(figure)
 
 
-def _webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
+def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
     """An endless animation of pictures of one size, each shown for as many milliseconds."""
     buffer = BytesIO()
     pictures[0].save(
         buffer, "WEBP", save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0, quality=60, method=3
     )
     return buffer.getvalue()
+
+
+def on_white(picture: Picture) -> NDArray[np.uint8]:
+    """The picture's pixels on a white ground, cut to even sides as video codecs want them, (height, width, 3)."""
+    ground = Image.new("RGBA", picture.size, "white")
+    ground.alpha_composite(picture)
+    pixels = np.asarray(ground.convert("RGB"))
+    return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
 
 
 def _visible_back_to_front(view: View, screen: Array, triangles: Triangles) -> NDArray[np.intp]:

@@ -1,0 +1,128 @@
+"""Every format that a run can be written in. A new one is added by being listed here, and tested by being listed."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ldsim.artefacts.folder import replacing_folder
+from ldsim.artefacts.store import replacing
+from ldsim.errors import ExportError
+from ldsim.export.arrays import write_npz, write_safetensors
+from ldsim.export.gltf import write_glb
+from ldsim.export.pictures import write_mp4, write_webm, write_webp
+from ldsim.export.playground import write_playground
+from ldsim.export.source import Playback, Source
+from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
+from ldsim.export.usd import write_usd
+from ldsim.export.vtk import write_vtu_series
+from ldsim.export.xdmf import write_xdmf
+
+
+@dataclass(frozen=True)
+class Extra:
+    """An optional dependency: what is imported, and what installs it."""
+
+    module: str
+    install: str
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to write a run.
+
+    Attributes:
+        meaning: what is written, a phrase.
+        suffix: of the file; empty for a folder of files.
+        motion, model: the writer; one of them is given, by what it writes.
+        extra: the package that it needs beyond the installed ones.
+    """
+
+    meaning: str
+    suffix: str = ""
+    motion: Callable[[Playback, Path], None] | None = None
+    model: Callable[[Source, Path], None] | None = None
+    extra: Extra | None = None
+
+
+VIDEO = Extra("imageio_ffmpeg", "pip install 'ldsim[video]'")
+FORMATS: dict[str, Format] = {
+    "vtk": Format("one .vtu a frame and a .pvd with their times, for ParaView", motion=write_vtu_series),
+    "xdmf": Format("XDMF with one HDF5 file, for ParaView", motion=write_xdmf),
+    "gltf": Format("glTF 2.0 with morph targets, for viewers and game engines", ".glb", motion=write_glb),
+    "usd": Format("USD with blend shapes", ".usdc", motion=write_usd, extra=Extra("pxr", "pip install 'ldsim[usd]'")),
+    "obj": Format("the surface, one .obj a frame", motion=write_obj_sequence),
+    "ply": Format("the surface, one binary .ply a frame", motion=write_ply_sequence),
+    "webp": Format("an animated picture", ".webp", motion=write_webp),
+    "mp4": Format("a video", ".mp4", motion=write_mp4, extra=VIDEO),
+    "webm": Format("a video", ".webm", motion=write_webm, extra=VIDEO),
+    "npz": Format("the reduced model as NumPy arrays", ".npz", model=write_npz),
+    "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
+    "playground": Format("one web page that simulates, without a server", ".html", model=write_playground),
+}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What to export; the motion is the run's first where none is named."""
+
+    format: str
+    motion: str | None = None
+    space: str = "latent"
+    every: int = 1
+
+
+def export(source: Source, choice: Choice, output: Path | None = None) -> tuple[Path, str]:
+    """Write a run in a format; returns where and what was written.
+
+    Args:
+        output: the file or, for formats of several files, the new folder; by default in the run's folder export/.
+
+    Raises:
+        ExportError: the format, motion or space is not known, a package is missing, or the output does not suit.
+        ArtefactError: an artefact is missing or the output cannot be written.
+    """
+    if choice.format not in FORMATS:
+        raise ExportError(f"unknown format {choice.format!r}; known are {', '.join(FORMATS)}")
+    wanted = FORMATS[choice.format]
+    if wanted.extra is not None and importlib.util.find_spec(wanted.extra.module) is None:
+        raise ExportError(
+            f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
+            f"run {wanted.extra.install}"
+        )
+    if wanted.model is not None:
+        path = _output(source, wanted, f"{source.folder.resolve().name}{wanted.suffix}", output)
+        with _writing(path, wanted) as temporary:
+            wanted.model(source, temporary)
+        return path, "the reduced model"
+    assert wanted.motion is not None, "a format writes a motion or a model"
+    playback = source.playback(choice.motion, choice.space).thinned(choice.every)
+    name = f"{playback.title}{wanted.suffix or '-' + choice.format}"
+    path = _output(source, wanted, name, output)
+    with _writing(path, wanted) as temporary:
+        wanted.motion(playback, temporary)
+    lost = f", {playback.lost} left out because the run diverged" if playback.lost else ""
+    return path, f"{playback.frames} frames of {playback.motion} in the {playback.space} space{lost}"
+
+
+def _output(source: Source, wanted: Format, name: str, output: Path | None) -> Path:
+    """Where to write; a folder that someone named is never replaced."""
+    if output is None:
+        return source.folder / "export" / name
+    if wanted.suffix and output.suffix != wanted.suffix:
+        raise ExportError(f"the output {output} has the suffix {output.suffix!r}; expected {wanted.suffix!r}")
+    if output.is_dir() and wanted.suffix:
+        raise ExportError(f"the output {output} is a folder; give the name of a file that ends in {wanted.suffix}")
+    if output.exists() and not wanted.suffix:
+        raise ExportError(f"the output folder {output} exists already; give the name of a new one")
+    return output
+
+
+@contextlib.contextmanager
+def _writing(path: Path, wanted: Format) -> Iterator[Path]:
+    """A temporary file or folder that takes its place when whole."""
+    with replacing(path) if wanted.suffix else replacing_folder(path) as temporary:
+        yield temporary

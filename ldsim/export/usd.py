@@ -1,0 +1,84 @@
+"""USD with blend shapes: the basis as offsets of a skinned mesh, the coordinates as their weights (UsdSkel)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import ExportError
+from ldsim.export.source import Playback, surface_of
+
+
+def write_usd(playback: Playback, path: Path) -> None:
+    """Write the surface with one blend shape a column of U and the weights q of each frame, metres.
+
+    Raises:
+        ExportError: the motion is of the full space, which has no basis.
+    """
+    # An optional dependency: `formats.FORMATS` says so before this is called.
+    from pxr import Usd, UsdGeom, UsdSkel
+
+    if playback.U is None or playback.coordinates is None:
+        raise ExportError(
+            "USD plays the columns of a basis and the full space has none; "
+            "use --space linear or latent, or the format ply or vtk"
+        )
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    # USD's up is y or z; gravity along another axis leaves the solid lying.
+    UsdGeom.SetStageUpAxis(stage, "Z" if int(np.abs(playback.scene.gravity).argmax()) == 2 else "Y")
+    stage.SetTimeCodesPerSecond(1 / playback.frame_seconds)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(playback.frames - 1)
+    stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/solid").GetPrim())
+    modes = _define_surface(stage, playback)
+    _define_motion(stage, modes, playback.coordinates)
+    target = path.with_name(path.name + ".usdc")
+    try:
+        stage.Export(str(target))
+        target.replace(path)
+    finally:
+        target.unlink(missing_ok=True)
+
+
+def _define_surface(stage: Any, playback: Playback) -> list[str]:
+    """The mesh at /solid/surface and its blend shapes; returns their names."""
+    from pxr import UsdGeom, UsdSkel, Vt
+
+    assert playback.U is not None
+    surface = surface_of(playback.mesh)
+    rest = playback.mesh.vertices[surface.vertices].astype(np.float32)
+    mesh = UsdGeom.Mesh.Define(stage, "/solid/surface")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(rest))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(surface.triangles), 3, dtype=np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(surface.triangles.ravel()))
+    mesh.CreateSubdivisionSchemeAttr("none")
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([rest.min(axis=0), rest.max(axis=0)])))
+    modes = playback.U.reshape(playback.mesh.n_vertices, 3, -1)[surface.vertices].astype(np.float32)
+    names = [f"mode_{j}" for j in range(modes.shape[2])]
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateBlendShapesAttr(names)
+    targets = binding.CreateBlendShapeTargetsRel()
+    for j, name in enumerate(names):
+        shape = UsdSkel.BlendShape.Define(stage, f"/solid/surface/{name}")
+        shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(modes[:, :, j])))
+        targets.AddTarget(shape.GetPath())
+    return names
+
+
+def _define_motion(stage: Any, modes: list[str], coordinates: NDArray[np.float64]) -> None:
+    """The weights of each frame, and the skeleton without joints through which USD applies them."""
+    from pxr import UsdSkel, Vt
+
+    skeleton = UsdSkel.Skeleton.Define(stage, "/solid/skeleton")
+    animation = UsdSkel.Animation.Define(stage, "/solid/skeleton/motion")
+    animation.CreateBlendShapesAttr(modes)
+    weights = animation.CreateBlendShapeWeightsAttr()
+    for frame, q in enumerate(coordinates.astype(np.float32)):
+        weights.Set(Vt.FloatArray.FromNumpy(np.ascontiguousarray(q)), frame)
+    UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    surface = UsdSkel.BindingAPI.Apply(stage.GetPrimAtPath("/solid/surface"))
+    surface.CreateSkeletonRel().SetTargets([skeleton.GetPath()])

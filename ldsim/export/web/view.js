@@ -1,0 +1,212 @@
+// Draws a moving surface with WebGL 2: a lit solid and its shadow on a floor, seen by a camera that orbits.
+
+const VERTEX = `#version 300 es
+uniform mat4 project, turn;
+uniform float flat_at;   // height of the floor where the shadow is drawn, or a huge number for the solid itself
+uniform vec3 lamp;
+in vec3 position, normal;
+in float pinned;
+out vec3 world_normal, world_position;
+out float tint;
+void main() {
+  vec4 world = turn * vec4(position, 1.0);
+  if (flat_at < 1e20) world.xyz -= lamp * (world.y - flat_at) / lamp.y;
+  world_normal = mat3(turn) * normal;
+  world_position = world.xyz;
+  tint = pinned;
+  gl_Position = project * world;
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+uniform vec3 eye, lamp, clay, pin;
+uniform vec4 shade;      // the shadow's colour, or alpha 0 for the solid itself
+in vec3 world_normal, world_position;
+in float tint;
+out vec4 colour;
+void main() {
+  if (shade.a > 0.0) { colour = vec4(shade.rgb * shade.a, shade.a); return; }
+  vec3 n = normalize(world_normal), towards = normalize(eye - world_position);
+  if (dot(n, towards) < 0.0) n = -n;
+  float sky = 0.5 + 0.5 * n.y, key = max(dot(n, lamp), 0.0);
+  float gleam = pow(max(dot(n, normalize(lamp + towards)), 0.0), 42.0) * 0.22;
+  float rim = pow(1.0 - max(dot(n, towards), 0.0), 3.0) * 0.16;
+  vec3 base = mix(clay, pin, tint);
+  colour = vec4(base * (0.42 + 0.24 * sky + 0.56 * key) + gleam + rim * sky, 1.0);
+}`;
+const LAMP = normalised([-0.38, 0.62, 0.68]);
+
+class View {
+  /** up: the rotation (9, row by row) that turns the model's up to y. */
+  constructor(canvas, solid, up, azimuth, elevation) {
+    const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: true });
+    if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer or has switched off.");
+    this.canvas = canvas;
+    this.gl = gl;
+    this.solid = solid;
+    this.up = up;
+    this.frameSolid(azimuth, elevation);
+    this.program = this.link();
+    const at = (name) => gl.getUniformLocation(this.program, name);
+    this.uniforms = Object.fromEntries(
+      ["project", "turn", "flat_at", "lamp", "eye", "clay", "pin", "shade"].map((name) => [name, at(name)]),
+    );
+    this.positions = this.attribute("position", 3, solid.drawn, gl.DYNAMIC_DRAW);
+    this.normals = this.attribute("normal", 3, solid.normals, gl.DYNAMIC_DRAW);
+    this.attribute("pinned", 1, Float32Array.from(solid.copies, (i) => (solid.movable[solid.surface[i]] ? 0 : 1)), gl.STATIC_DRAW);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, solid.corners, gl.STATIC_DRAW);
+  }
+
+  /** Sets the camera so that the solid at rest, with room to swing, fills the picture. */
+  frameSolid(azimuth, elevation) {
+    const low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
+    for (let v = 0; v < this.solid.n; v++) {
+      const x = this.toWorld(this.solid.vertices.subarray(3 * v, 3 * v + 3));
+      for (let i = 0; i < 3; i++) {
+        low[i] = Math.min(low[i], x[i]);
+        high[i] = Math.max(high[i], x[i]);
+      }
+    }
+    this.diagonal = Math.hypot(...high.map((x, i) => x - low[i]));
+    this.home = { azimuth, elevation, zoom: 1, centre: low.map((x, i) => (x + high[i]) / 2 - (i === 1 ? 0.07 * this.diagonal : 0)) };
+    this.floor = low[1] - 0.22 * this.diagonal;
+    this.reset();
+  }
+
+  reset() {
+    Object.assign(this, this.home, { centre: [...this.home.centre] });
+  }
+
+  toWorld(x) {
+    const R = this.up;
+    return [0, 3, 6].map((i) => R[i] * x[0] + R[i + 1] * x[1] + R[i + 2] * x[2]);
+  }
+
+  toModel(x) {
+    const R = this.up;
+    return [0, 1, 2].map((i) => R[i] * x[0] + R[i + 3] * x[1] + R[i + 6] * x[2]);
+  }
+
+  link() {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(type);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) || "shader");
+    gl.useProgram(program);
+    return program;
+  }
+
+  attribute(name, size, values, usage) {
+    const gl = this.gl, buffer = gl.createBuffer(), place = gl.getAttribLocation(this.program, name);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, values, usage);
+    gl.enableVertexAttribArray(place);
+    gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
+    return buffer;
+  }
+
+  /** The camera's axes right, up and out of the screen, its eye, and the tangents of half the field of view. */
+  camera() {
+    const a = (this.azimuth * Math.PI) / 180, e = (this.elevation * Math.PI) / 180;
+    const out = [Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e)];
+    const right = [Math.cos(a), 0, -Math.sin(a)], up = cross(out, right);
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const narrow = 0.3, aspect = width / Math.max(height, 1);
+    const half = { x: aspect < 1 ? narrow : narrow * aspect, y: aspect < 1 ? narrow / aspect : narrow };
+    const distance = (0.56 * this.diagonal) / narrow / this.zoom;
+    const eye = this.centre.map((x, i) => x + distance * out[i]);
+    return { right, up, out, eye, half, distance };
+  }
+
+  projection({ right, up, out, eye, half, distance }) {
+    const near = distance * 0.02, far = distance + 12 * this.diagonal;
+    const c = -(far + near) / (far - near), d = (-2 * far * near) / (far - near);
+    const rows = [
+      [...right.map((x) => x / half.x), -dot(right, eye) / half.x],
+      [...up.map((x) => x / half.y), -dot(up, eye) / half.y],
+      [...out.map((x) => x * c), -dot(out, eye) * c + d],
+      [...out.map((x) => -x), dot(out, eye)],
+    ];
+    return new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
+  }
+
+  /** Draws the solid at the surface last decoded; colours as [r, g, b] in 0 … 1. */
+  draw(colours) {
+    const { gl, canvas, solid, uniforms } = this, dots = Math.min(window.devicePixelRatio || 1, 2);
+    const width = Math.round(canvas.clientWidth * dots), height = Math.round(canvas.clientHeight * dots);
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
+    }
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+    for (const [buffer, values] of [[this.positions, solid.drawn], [this.normals, solid.normals]]) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
+    }
+    const camera = this.camera(), R = this.up;
+    gl.uniformMatrix4fv(uniforms.project, false, this.projection(camera));
+    gl.uniformMatrix4fv(uniforms.turn, false, [R[0], R[3], R[6], 0, R[1], R[4], R[7], 0, R[2], R[5], R[8], 0, 0, 0, 0, 1]);
+    gl.uniform3fv(uniforms.lamp, LAMP);
+    gl.uniform3fv(uniforms.eye, camera.eye);
+    gl.uniform3fv(uniforms.clay, colours.clay);
+    gl.uniform3fv(uniforms.pin, colours.pin);
+    this.drawShadow(colours.shadow);
+    gl.uniform1f(uniforms.flat_at, 1e30);
+    gl.uniform4fv(uniforms.shade, [0, 0, 0, 0]);
+    gl.enable(gl.DEPTH_TEST);
+    gl.drawElements(gl.TRIANGLES, solid.corners.length, gl.UNSIGNED_INT, 0);
+  }
+
+  /** The solid flattened along the lamp's rays onto the floor, every pixel once. */
+  drawShadow(colour) {
+    const { gl, uniforms } = this;
+    gl.disable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.enable(gl.STENCIL_TEST);
+    gl.stencilFunc(gl.EQUAL, 0, 255);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
+    gl.uniform1f(uniforms.flat_at, this.floor);
+    gl.uniform4fv(uniforms.shade, colour);
+    gl.drawElements(gl.TRIANGLES, this.solid.corners.length, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.STENCIL_TEST);
+    gl.disable(gl.BLEND);
+  }
+
+  /** The ray through a point of the canvas, CSS pixels, in the model's coordinates. */
+  ray(x, y) {
+    const { right, up, out, eye, half } = this.camera();
+    const sx = ((2 * x) / this.canvas.clientWidth - 1) * half.x, sy = (1 - (2 * y) / this.canvas.clientHeight) * half.y;
+    const direction = normalised([0, 1, 2].map((i) => right[i] * sx + up[i] * sy - out[i]));
+    return { origin: this.toModel(eye), direction: this.toModel(direction), out: this.toModel(out) };
+  }
+
+  /** Where a point of the model is on the canvas, CSS pixels. */
+  toScreen(point) {
+    const { right, up, out, eye, half } = this.camera(), from = this.toWorld(point).map((x, i) => x - eye[i]);
+    const depth = -dot(out, from);
+    const x = dot(right, from) / depth / half.x, y = dot(up, from) / depth / half.y;
+    return [((x + 1) / 2) * this.canvas.clientWidth, ((1 - y) / 2) * this.canvas.clientHeight];
+  }
+
+  orbit(dx, dy) {
+    this.azimuth -= dx * 0.4;
+    this.elevation = Math.min(89, Math.max(-89, this.elevation + dy * 0.4));
+  }
+
+  pan(dx, dy) {
+    const { right, up, half, distance } = this.camera(), scale = (2 * half.y * distance) / this.canvas.clientHeight;
+    for (let i = 0; i < 3; i++) this.centre[i] += scale * (up[i] * dy - right[i] * dx);
+  }
+
+  zoomBy(factor) {
+    this.zoom = Math.min(20, Math.max(0.2, this.zoom * factor));
+  }
+}

@@ -1,0 +1,22 @@
+"""A small finished run to export, written once a session, and what other programs are found by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ldsim.export.source import Source
+from tests.evaluation.small_run import write_run
+
+
+@pytest.fixture(scope="session")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tiny")
+    write_run(folder)
+    return folder
+
+
+@pytest.fixture
+def source(run_folder: Path) -> Source:
+    return Source(run_folder)

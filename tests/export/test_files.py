@@ -1,0 +1,133 @@
+"""Files for other programs, read back by other libraries or by a reader written here."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz, write_safetensors
+from ldsim.export.source import Playback, Source, surface_of
+from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
+from ldsim.export.vtk import write_vtu_series
+from ldsim.export.xdmf import write_xdmf
+from ldsim.mesh.shapes import beam
+from tests.helpers import scene
+
+Array = NDArray[np.float64]
+SPACES = ["full", "linear", "latent"]
+
+
+def hexes() -> Playback:
+    """A swing of a beam of hexahedra."""
+    body = scene(beam(resolution=1, cell_type="hex8"))
+    mode = np.outer(body.mesh.vertices[:, 0] ** 2, [0.0, 1.0, 0.3])
+    return Playback("swing", "full", body, body.time_step, 4, lambda frame: np.sin(frame) * mode)
+
+
+def playbacks(source: Source) -> list[Playback]:
+    return [*(source.playback("pull_1", space) for space in SPACES), hexes()]
+
+
+def test_a_vtu_series_gives_back_cells_positions_displacements_and_times(source: Source, tmp_path: Path) -> None:
+    for number, playback in enumerate(playbacks(source)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        write_vtu_series(playback, folder)
+        entries = re.findall(r'timestep="(.*?)".*file="(.*?)"', (folder / f"{playback.title}.pvd").read_text())
+        assert len(entries) == playback.frames
+        for frame, (time, name) in enumerate(entries):
+            read = meshio.read(folder / name)
+            u = playback.displacement(frame)
+            np.testing.assert_array_equal(read.cells[0].data, playback.mesh.cells)
+            np.testing.assert_allclose(read.points, playback.mesh.vertices + u, atol=1e-12)
+            np.testing.assert_allclose(read.point_data["displacement"], u, rtol=1e-6, atol=1e-9)
+            assert float(time) == pytest.approx((frame + 1) * playback.scene.time_step)
+
+
+def test_xdmf_gives_back_the_mesh_displacements_and_times_from_another_folder(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number, playback in enumerate(playbacks(source)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        write_xdmf(playback, folder)
+        monkeypatch.chdir(tmp_path)
+        with meshio.xdmf.TimeSeriesReader(f"{number}/{playback.title}.xdmf") as reader:
+            points, cells = reader.read_points_cells()
+            np.testing.assert_array_equal(points, playback.mesh.vertices)
+            np.testing.assert_array_equal(cells[0].data, playback.mesh.cells)
+            assert reader.num_steps == playback.frames
+            for frame in range(reader.num_steps):
+                time, data, _ = reader.read_data(frame)
+                assert time == pytest.approx((frame + 1) * playback.scene.time_step)
+                np.testing.assert_allclose(data["displacement"], playback.displacement(frame), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_a_surface_sequence_gives_back_the_deformed_boundary(source: Source, tmp_path: Path, suffix: str) -> None:
+    playback = source.playback("push", "latent")
+    (write_obj_sequence if suffix == "obj" else write_ply_sequence)(playback, tmp_path)
+    surface = surface_of(playback.mesh)
+    files = sorted(tmp_path.iterdir())
+    assert len(files) == playback.frames
+    for frame, path in enumerate(files):
+        read = meshio.read(path)
+        expected = (playback.mesh.vertices + playback.displacement(frame))[surface.vertices]
+        np.testing.assert_allclose(read.points, expected, rtol=1e-6, atol=1e-8)
+        np.testing.assert_array_equal(read.cells_dict["triangle"], surface.triangles)
+
+
+def test_the_surface_is_closed_and_faces_outward(source: Source) -> None:
+    surface = surface_of(source.scene.mesh)
+    corners = source.scene.mesh.vertices[surface.vertices][surface.triangles]
+    volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume == pytest.approx(source.scene.points.weights.sum())
+
+
+def test_safetensors_gives_back_every_array_aligned(source: Source, tmp_path: Path) -> None:
+    numpy_reader = pytest.importorskip("safetensors.numpy")
+    write_safetensors(source, tmp_path / "model.safetensors")
+    read = numpy_reader.load_file(tmp_path / "model.safetensors")
+    expected = model_arrays(source)
+    assert set(read) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(read[name], values)
+        assert read[name].dtype == values.dtype
+
+
+def test_arrays_of_mixed_types_start_at_multiples_of_their_size() -> None:
+    arrays = {"a": np.ones(3, np.uint8), "b": np.ones((2, 3)), "c": np.ones(5, np.float32), "d": np.empty((0, 0))}
+    content = safetensors(arrays, {})
+    start = 8 + int.from_bytes(content[:8], "little")
+    assert start % 8 == 0
+    assert len(content) == start + 3 + 48 + 20
+    np.testing.assert_array_equal(np.frombuffer(content, "<f8", 6, start), 1)
+
+
+def test_npz_holds_the_same_arrays(source: Source, tmp_path: Path) -> None:
+    write_npz(source, tmp_path / "model.npz")
+    expected = model_arrays(source)
+    with np.load(tmp_path / "model.npz") as read:
+        assert set(read.files) == set(expected)
+        for name, values in expected.items():
+            np.testing.assert_array_equal(read[name], values)
+
+
+def test_unit_loads_times_gravity_are_the_weight_in_the_basis(source: Source) -> None:
+    body, U = source.scene, source.basis
+    np.testing.assert_allclose(body.gravity @ unit_loads(body, U), U.T @ body.external_force.ravel(), rtol=1e-12)
+
+
+def test_thinning_keeps_frames_at_multiples_of_the_new_interval(source: Source) -> None:
+    whole = source.playback("pull_1", "latent")
+    thinned = whole.thinned(4)
+    assert thinned.frames == whole.frames // 4
+    for frame in range(thinned.frames):
+        other = 4 * frame + 3
+        np.testing.assert_array_equal(thinned.displacement(frame), whole.displacement(other))
+        assert thinned.time(frame) == pytest.approx(whole.time(other))

@@ -1,0 +1,82 @@
+"""The table of formats: each writes what it says, and what does not suit is refused in one line."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from ldsim.errors import ExportError
+from ldsim.export import formats
+from ldsim.export.formats import FORMATS, Choice, Extra, Format, export
+from ldsim.export.source import Source
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_writes_its_file_or_folder(source: Source, tmp_path: Path, name: str) -> None:
+    wanted = FORMATS[name]
+    if wanted.extra is not None and importlib.util.find_spec(wanted.extra.module) is None:
+        pytest.skip(f"{wanted.extra.module} is not installed: {wanted.extra.install}")
+    path, what = export(source, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
+    assert path.is_file() if wanted.suffix else any(path.iterdir())
+    assert what == ("2 frames of push in the latent space" if wanted.motion else "the reduced model")
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_format_writes_a_motion_or_a_model(name: str) -> None:
+    assert (FORMATS[name].motion is None) != (FORMATS[name].model is None)
+
+
+def test_without_an_output_the_file_goes_into_the_run(source: Source) -> None:
+    path, _ = export(source, Choice("gltf", "push"))
+    assert path == source.folder / "export" / "push-latent.glb"
+
+
+REFUSED = {
+    "format": (Choice("vrml"), None, "unknown format 'vrml'; known are vtk, xdmf, gltf"),
+    "motion": (Choice("gltf", "jump"), None, "unknown motion 'jump'; known are"),
+    "space": (Choice("gltf", space="outer"), None, "unknown space 'outer'; known are full, linear, latent"),
+    "motion of the full space": (Choice("ply", "jump", "full"), None, "unknown motion 'jump'; known are pull_1, push"),
+    "a basis of the full space": (Choice("gltf", space="full"), None, "use --space linear or latent"),
+    "too few frames": (Choice("gltf", every=1000), None, "leaves none of the 14 frames"),
+    "suffix": (Choice("gltf"), "a.mp4", "has the suffix '.mp4'; expected '.glb'"),
+    "folder for a file": (Choice("gltf"), "taken.glb", "is a folder"),
+    "folder that exists": (Choice("ply"), "taken.glb", "exists already"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_does_not_suit_is_refused_and_nothing_is_written(source: Source, tmp_path: Path, case: str) -> None:
+    choice, output, words = REFUSED[case]
+    (tmp_path / "taken.glb").mkdir()
+    with pytest.raises(ExportError) as refusal:
+        export(source, choice, tmp_path / (output or "a.glb"))
+    assert words in str(refusal.value)
+    assert [entry.name for entry in tmp_path.rglob("*")] == ["taken.glb"]
+
+
+def test_a_missing_package_is_named_with_what_installs_it(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = Format("nothing", ".no", motion=FORMATS["gltf"].motion, extra=Extra("not_there", "pip install 'it'"))
+    monkeypatch.setitem(formats.FORMATS, "no", missing)
+    with pytest.raises(ExportError, match="needs the package not_there, which is not installed; run pip install 'it'"):
+        export(source, Choice("no"), tmp_path / "a.no")
+
+
+def test_no_folder_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match="does not exist; expected a folder with scene.h5"):
+        Source(tmp_path / "nothing")
+
+
+def test_a_run_that_diverged_is_exported_up_to_there(tmp_path: Path) -> None:
+    from tests.evaluation.small_run import LOST_FROM, write_run
+
+    write_run(tmp_path, lost=("latent", "push"))
+    playback = Source(tmp_path).playback("push", "latent")
+    assert playback.frames == LOST_FROM
+    path, what = export(Source(tmp_path), Choice("gltf", "push"))
+    assert path.is_file()
+    assert what == f"{LOST_FROM} frames of push in the latent space, 6 left out because the run diverged"

@@ -1,0 +1,207 @@
+"""The step in JavaScript against the step in Python: materials, tangents, decoder, held vertices, whole motions."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.export.arrays import safetensors, space_arrays
+from ldsim.export.source import ReducedSpace
+from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
+from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.decoder import ACTIVATIONS, Decoder
+from ldsim.reduction.pca import inner_product, orthonormalised
+from tests.export.javascript import needs_node, run_javascript
+from tests.helpers import bent, scene
+
+pytestmark = needs_node
+
+Array = NDArray[np.float64]
+MU, LAM = 1.3e4, 4.1e4
+K, R, FRAMES = 6, 4, 100
+
+TRY_MATERIALS = """
+result = given.map(([kind, F, mu, lam]) => {
+  const P = new Float64Array(9), U = new Float64Array(9), V = new Float64Array(9);
+  const D = new Float64Array(6), O = new Float64Array(6);
+  const density = energyStress(kind, Float64Array.from(F), mu, lam, P);
+  tangent(kind, Float64Array.from(F), mu, lam, U, V, D, O);
+  const parts = [U, V, D, O].map((part) => Array.from(part));
+  return { density: density === Infinity ? "infinite" : density, P: Array.from(P), tangent: parts };
+});
+"""
+PLAY = """
+function unpack(text) {
+  const bytes = Buffer.from(text, "base64");
+  return readSafetensors(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
+}
+result = given.map(({ model, grabs, held }) => {
+  const arrays = unpack(model), solid = new Solid(arrays), space = spaceOf(arrays, "some");
+  const stepper = new Stepper(space, arrays.time_step.data[0]);
+  stepper.potential.setGravity(arrays.gravity.data);
+  let before = "", springs = [];
+  return grabs.map((now) => {
+    const key = JSON.stringify(now.map((grab) => grab.drag));
+    if (key !== before) {
+      springs = now.map((grab) => solid.spring(held[grab.drag], grab.stiffness, space.k));
+      stepper.potential.springs = springs;
+      stepper.renew();
+      before = key;
+    }
+    now.forEach((grab, i) => springs[i].target.set(grab.target));
+    const { converged, iterations } = stepper.step();
+    return { q: Array.from(stepper.q), converged, iterations };
+  });
+});
+"""
+
+
+def deformations(count: int) -> list[Array]:
+    rng = np.random.default_rng(5)
+    return [np.eye(3) + 0.35 * rng.normal(size=(3, 3)) for _ in range(count)]
+
+
+def apply_tangent(U: Any, V: Any, D: Any, O: Any, dF: Array) -> Array:
+    """dP of dF from the parts that `materials.tangent` returns."""
+    u, v = np.reshape(U, (3, 3)), np.reshape(V, (3, 3))
+    X = u.T @ dF @ v
+    stretch = np.array([[D[0], D[3], D[4]], [D[3], D[1], D[5]], [D[4], D[5], D[2]]])
+    T = np.diag(stretch @ np.diag(X))
+    for pair, (i, j) in enumerate([(0, 1), (0, 2), (1, 2)]):
+        T[i, j] = O[pair] * X[i, j] + O[3 + pair] * X[j, i]
+        T[j, i] = O[pair] * X[j, i] + O[3 + pair] * X[i, j]
+    turned: Array = u @ T @ v.T
+    return turned
+
+
+@pytest.fixture(scope="module")
+def answers() -> dict[str, list[Any]]:
+    """Every material at the same deformations, from one run of node."""
+    cases = [[kind, F.ravel().tolist(), MU, LAM] for kind in MATERIALS.values() for F in [*deformations(8), np.eye(3)]]
+    results = iter(run_javascript(TRY_MATERIALS, cases))
+    return {name: [next(results) for _ in range(9)] for name in MATERIALS}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_material_has_the_same_energy_stress_and_tangent(answers: dict[str, list[Any]], name: str) -> None:
+    kind, rng = MATERIALS[name], np.random.default_rng(6)
+    for F, answer in zip([*deformations(8), np.eye(3)], answers[name], strict=True):
+        flat = tuple(F.ravel().tolist())
+        density, P = energy_stress(kind, flat, MU, LAM)
+        dF = rng.normal(size=(3, 3))
+        if np.isinf(density):
+            assert answer["density"] == "infinite"
+            continue
+        assert answer["density"] == pytest.approx(density, rel=1e-12, abs=1e-9)
+        np.testing.assert_allclose(answer["P"], P, rtol=1e-10, atol=1e-9 * MU)
+        expected = apply_tangent(*tangent(kind, flat, MU, LAM, True), dF)
+        np.testing.assert_allclose(apply_tangent(*answer["tangent"], dF), expected, rtol=1e-8, atol=1e-8 * MU)
+
+
+def some_basis(body: Scene) -> Array:
+    """Smooth displacements that vanish at the pins, mass-orthonormal, (3n, K)."""
+    x = body.mesh.vertices
+    rng = np.random.default_rng(0)
+    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
+    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(K)]
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass"))
+
+
+def curved(activation: str) -> Decoder:
+    rng = np.random.default_rng(1)
+    weights = [rng.normal(size=(R, 8)), rng.normal(size=(8, 8)), rng.normal(size=(8, K)) * 0.02]
+    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=8), np.zeros(K)], activation, np.eye(K)[:, :R])
+
+
+def swing(body: Scene) -> Motion:
+    """Two drags and free motion after each, so that springs come and go."""
+    tip = body.mesh.vertices[body.mesh.vertices[:, 0].argmax()]
+    reach = 0.1 * body.mesh.diagonal
+    ramp = np.minimum(np.arange(1, 31) / 20, 1.0)[:, None]
+    ways = (np.array([0, 1.0, 0.4]), np.array([0.2, -0.7, -0.8]))
+    drags = [Drag(10 + 45 * i, tip, tip + reach * ramp * way, 0.3 * reach, 25.0, True) for i, way in enumerate(ways)]
+    return Motion("swing", FRAMES, tuple(drags))
+
+
+def play_in_python(body: Scene, space: ReducedSpace, motion: Motion, tracker: GrabTracker) -> tuple[Array, list[int]]:
+    stepper = ReducedStepper(
+        body, space.U, space.decoder, space.cubature.points, space.cubature.weights, tolerance=1e-9, current=True
+    )
+    state, q, iterations = ReducedState.at_rest(space.decoder), np.empty((motion.frames, K)), []
+    for frame in range(motion.frames):
+        state, solution = stepper.step(state, tracker.grabs(frame))
+        q[frame] = state.q
+        iterations.append(solution.iterations)
+    return q, iterations
+
+
+def packed(body: Scene, space: ReducedSpace) -> str:
+    arrays = {
+        "vertices": body.mesh.vertices,
+        "basis": space.U,
+        "surface_triangles": np.array([[0, 1, 2]], dtype=np.int32),
+        "movable": body.movable.astype(np.uint8),
+        "time_step": np.array([body.time_step]),
+        "gravity": body.gravity,
+    }
+    some = {f"some/{name}": values for name, values in space_arrays(body, space).items()}
+    return base64.b64encode(safetensors(arrays | some, {})).decode()
+
+
+CASES = [(name, "elu") for name in MATERIALS] + [("neo_hookean", other) for other in (*ACTIVATIONS, "identity")][1:]
+
+
+def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder() -> None:
+    given, expected = [], []
+    for material, activation in CASES:
+        body = scene(beam(resolution=1), material, youngs_modulus=5e4)
+        decoder = Decoder.identity(K) if activation == "identity" else curved(activation)
+        points = np.arange(0, body.points.n_points, 3)
+        cubature = CubatureSet(points, 3 * body.points.weights[points], 0.0)
+        space, motion = ReducedSpace(some_basis(body), decoder, cubature), swing(body)
+        tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
+        q, iterations = play_in_python(body, space, motion, tracker)
+        expected.append((q, iterations, space.U))
+        grabs = [
+            [
+                {"drag": i, "stiffness": motion.drags[i].stiffness, "target": target.tolist()}
+                for i in motion.active(frame)
+                for target in [motion.drags[i].targets[frame - motion.drags[i].start]]
+            ]
+            for frame in range(FRAMES)
+        ]
+        held = {drag: vertices.tolist() for drag, vertices in tracker.held.items()}
+        given.append({"model": packed(body, space), "grabs": grabs, "held": held})
+    for case, played, (q, iterations, U) in zip(CASES, run_javascript(PLAY, given), expected, strict=True):
+        assert all(frame["converged"] for frame in played), case
+        u, u_expected = (np.array(x) @ U.T for x in ([frame["q"] for frame in played], q))
+        assert np.abs(u_expected).max() > 0.01
+        assert np.abs(u - u_expected).max() <= 1e-6 * np.abs(u_expected).max(), case
+        assert sum(frame["iterations"] for frame in played) <= 2 * max(sum(iterations), FRAMES), case
+
+
+def test_a_drag_takes_hold_of_the_same_vertices() -> None:
+    body = scene(beam(resolution=2))
+    U = orthonormalised(bent(body.mesh).reshape(-1, 1) * np.repeat(body.movable, 3)[:, None], body.mass)
+    q = U.T @ (body.mass @ (bent(body.mesh) * body.movable[:, None])).ravel()
+    space = ReducedSpace(U, Decoder.identity(1), CubatureSet(np.arange(3), np.ones(3), 0.0))
+    positions = body.mesh.vertices + (U @ q).reshape(-1, 3)
+    point, radius = positions[body.mesh.vertices[:, 0].argmax()] + 1e-3, 0.4 * np.ptp(body.mesh.vertices[:, 1])
+    drag = Drag(0, point, point[None], radius, 1.0)
+    expected = held_vertices(drag, positions, body.movable, body.mesh.diagonal)
+    program = """
+    const bytes = Buffer.from(given.model, "base64");
+    const arrays = readSafetensors(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
+    result = new Solid(arrays).held(given.point, given.radius, Float64Array.from(given.q));
+    """
+    given = {"model": packed(body, space), "point": point.tolist(), "radius": radius, "q": q.tolist()}
+    assert 1 < len(expected) < body.mesh.n_vertices / 2
+    assert run_javascript(program, given) == expected.tolist()
