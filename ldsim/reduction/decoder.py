@@ -1,8 +1,8 @@
 """The decoder φ: R^r → R^k as compiled loops over contiguous arrays; the identity is the linear space.
 
 φ(z) = N(z) − N(0) + A z: a multilayer perceptron N (paper, Sec. 4.3) without its value at zero, so that φ(0) = 0 to the
-last bit, and an optional linear skip A, kept as Aᵀ so that every loop over it runs along memory. The paper's decoder has neither; without the first it has no z for the rest
-shape (paper_facts.md, Fig. 9).
+last bit, and an optional linear skip A, kept as Aᵀ so that every loop over it runs along memory. The paper's decoder
+has neither; without the first it has no z for the rest shape (paper_facts.md, Fig. 9).
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ class Decoder:
         activation: str = "elu",
         skip: Array | None = None,
     ) -> Decoder:
-        """A perceptron of the given (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k)."""
+        """A perceptron of (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k)."""
         sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])

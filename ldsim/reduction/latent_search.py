@@ -28,13 +28,14 @@ class Searched:
     """The autoencoder that was kept, and every size tried.
 
     Attributes:
-        tried: r, largest and mean training error in mm, and 1 for a training of that size or 0 for the leading codes of
-            an ordered one, (tried, 4) float64, in the order tried.
+        tried: r, largest and mean training error in mm, (tried, 3) float64, in the order tried.
+        own: whether each was a training of that size, or the leading codes of an ordered one, (tried,).
         met: whether the tolerance was met.
     """
 
     trained: Trained
     tried: Array
+    own: NDArray[np.bool_]
     met: bool
 
 
@@ -69,11 +70,12 @@ def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Er
     if r is not None:
         trained = train(r)
         largest, mean = error(trained)
-        return Searched(trained, _table([(r, largest, mean, True)]), largest <= tolerance)
+        return Searched(trained, *_table([(r, largest, mean, True)]), largest <= tolerance)
     most = min(k, ORDERED_CODES)
     found = attempt(most, own=False)
     if found is None:
-        return Searched(_beyond(k, most, attempt, tried, tolerance), _table(tried), True)
+        beyond = _beyond(k, most, attempt, tried, tolerance)
+        return Searched(beyond, *_table(tried), True)
     low, high = 0, most
     while high - low > 1:
         middle = (low + high) // 2
@@ -88,7 +90,7 @@ def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Er
         if following < 1 or following > high or any(entry[0] == following and entry[3] for entry in tried):
             break
         size = following
-    return Searched(best, _table(tried), True)
+    return Searched(best, *_table(tried), True)
 
 
 def _beyond(
@@ -111,5 +113,6 @@ def _beyond(
         size = min(k, size + size // 2 + 1)
 
 
-def _table(tried: list[tuple[int, float, float, bool]]) -> Array:
-    return np.array([[size, 1e3 * largest, 1e3 * mean, own] for size, largest, mean, own in tried], dtype=np.float64)
+def _table(tried: list[tuple[int, float, float, bool]]) -> tuple[Array, NDArray[np.bool_]]:
+    table = np.array([[size, 1e3 * largest, 1e3 * mean] for size, largest, mean, _ in tried])
+    return table, np.array([own for *_, own in tried], dtype=bool)

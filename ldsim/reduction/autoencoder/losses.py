@@ -41,19 +41,16 @@ class Projectors:
     offsets: torch.Tensor
 
 
-def projectors(
-    model: Autoencoder, poses: torch.Tensor, stiffness: torch.Tensor, excess: torch.Tensor, floor: float
-) -> Projectors:
+def projectors(model: Autoencoder, poses: torch.Tensor, stiffness: torch.Tensor, excess: torch.Tensor) -> Projectors:
     """The K̃-orthogonal projectors onto the decoder's tangent spaces at the codes of some poses.
 
     Args:
-        stiffness: (p, k, k), positive definite up to the floor. excess: (p, k), scaled like the poses.
-        floor: added to the diagonal, N/m: no motion is slower than this allows.
+        stiffness: (p, k, k), positive semidefinite. excess: (p, k), scaled like the poses.
     """
     with torch.no_grad():
         J = model.jacobian(model.encode(poses))
         JT = J.transpose(1, 2)
-        weighted = JT @ stiffness + floor * JT
+        weighted = JT @ stiffness
         scale = torch.diagonal(weighted @ J, dim1=1, dim2=2).mean(dim=1)[:, None, None]
         metric = weighted @ J + 1e-6 * scale * torch.eye(J.shape[2], device=J.device)
         solved = torch.linalg.solve(metric, torch.cat([weighted, JT @ excess[:, :, None]], dim=2))

@@ -57,16 +57,20 @@ class Autoencoder(torch.nn.Module):
 
     def encode(self, q: torch.Tensor) -> torch.Tensor:
         """ψ(q), (b, r); for a variational encoder the mean."""
-        return (self.encoder(q) - self.encoder(self.zero_q))[:, : self.r]
+        codes: torch.Tensor = self.encoder(q) - self.encoder(self.zero_q)
+        return codes[:, : self.r]
 
     def log_variance(self, q: torch.Tensor) -> torch.Tensor:
         """Of a variational encoder, (b, r)."""
-        return self.encoder(q)[:, self.r :]
+        codes: torch.Tensor = self.encoder(q)
+        return codes[:, self.r :]
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
         """φ(z), (b, k)."""
-        decoded = (self.decoder(z) - self.decoder(self.zero_z)) * self.spread
-        return decoded if self.skip is None else decoded + self.skip(z)
+        decoded: torch.Tensor = (self.decoder(z) - self.decoder(self.zero_z)) * self.spread
+        if self.skip is not None:
+            decoded = decoded + self.skip(z)
+        return decoded
 
     def forward(self, q: torch.Tensor) -> torch.Tensor:
         return self.decode(self.encode(q))

@@ -71,7 +71,8 @@ class Trained:
 
     Attributes:
         decoder, encoder: φ and ψ in float64.
-        loss: weighted mean squared error in PCA coordinates after each epoch, (epochs, 2) float64 for training and validation.
+        loss: weighted mean squared error in PCA coordinates after each epoch, (epochs, 2) float64 for training and
+            validation.
         best_epoch: the epoch whose weights were kept.
     """
 

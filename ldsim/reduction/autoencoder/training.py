@@ -211,7 +211,7 @@ class _Fit:
             self._set_rate((epoch + i / len(batches)) / options.epochs)
             self.optimiser.zero_grad(set_to_none=True)
             reconstruction, other = self._losses(self.kept[batch.to(self.device)])
-            (reconstruction + other).backward()
+            (reconstruction + other).backward()  # type: ignore[no-untyped-call]
             self.optimiser.step()
             total += reconstruction.detach() * len(batch)
         return float(total) / len(self.kept)
