@@ -338,13 +338,26 @@ class TrainSettings(Section):
     hidden: tuple[Annotated[int, Field(ge=1, le=2000)], ...] = Field(
         (100, 100), min_length=1, description="Widths of the hidden layers of the decoder."
     )
-    activation: Literal["elu", "relu", "tanh"] = Field("elu", description="Of the hidden layers.")
+    activation: Literal["elu", "relu", "tanh", "sigmoid"] = Field("elu", description="Of the hidden layers.")
+    skip: bool = Field(False, description="A linear skip in the decoder, q = A z + N(z) − N(0).")
+    balance: float = Field(
+        0.5, ge=0, le=1, description="The loss weights each coordinate by its r.m.s. to −balance; 0 is the paper's."
+    )
+    equilibrium: float = Field(
+        3.0, ge=0, description="Weight of how far forces at decoded poses would move the solid; 0 for none."
+    )
+    equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
+    equilibrium_poses: int = Field(400, ge=1, description="Training poses that it looks at.")
+    noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
+    variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
+    smoothness: float = Field(0.0, ge=0, description="Weight of the decoder's curvature between poses; 0 for none.")
     epochs: int = Field(2000, ge=1, description="Passes over the training snapshots.")
     batch: int = Field(64, ge=1, description="Snapshots in one gradient.")
     learning_rate: float = Field(2e-3, gt=0, lt=1, description="Of Adam, falling along a cosine.")
     validation_share: float = Field(0.03, gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
     patience: int = Field(500, ge=1, description="Epochs without a better validation loss before stopping.")
     seed: int = Field(0, ge=0, description="Of weights, split and batches.")
+    device: str = Field("auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
 
 
 class CubatureSettings(Section):

@@ -17,6 +17,7 @@ from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis
+from ldsim.reduction.trust import Trust
 
 Array = NDArray[np.float64]
 
@@ -111,6 +112,8 @@ class StoredModel:
         errors: largest and mean vertex error in metres (columns) on training and held-out frames (rows), (2, 2); NaN
             where there are no held-out motions.
         kp: the PCA dimension whose largest training error matches the autoencoder's.
+        search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
+        trust: how far a code is from the training codes.
     """
 
     decoder: Decoder
@@ -120,6 +123,8 @@ class StoredModel:
     errors: Array
     kp: int
     best_epoch: int
+    search_own: NDArray[np.bool_] | None = None
+    trust: Trust | None = None
 
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
@@ -131,6 +136,13 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         "kp": model.kp,
         "best_epoch": model.best_epoch,
     }
+    if model.decoder.skip is not None:
+        datasets["skip"] = model.decoder.skip
+    if model.search_own is not None:
+        datasets["search_own"] = model.search_own
+    if model.trust is not None:
+        datasets |= {"trust/landmarks": model.trust.landmarks, "trust/whitening": model.trust.whitening}
+        datasets["trust/threshold"] = model.trust.threshold
     for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
         datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias
     for i, (weight, bias) in enumerate(zip(model.encoder.weights, model.encoder.biases, strict=True)):
@@ -144,16 +156,23 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
         header = read_header(file)
         activation = str(header.notes["activation"])
         up, down = _layers(file["decoder"]), _layers(file["encoder"])
+        skip = file["skip"][:] if "skip" in file else None
         model = StoredModel(
-            Decoder.network(*up, activation=activation),
+            Decoder.network(*up, activation=activation, skip=skip),
             Encoder(tuple(down[0]), tuple(down[1]), activation),
             file["loss"][:],
             file["search"][:],
             file["errors"][:],
             int(file["kp"][()]),
             int(file["best_epoch"][()]),
+            file["search_own"][:] if "search_own" in file else None,
+            _trust(file["trust"]) if "trust" in file else None,
         )
         return model, header
+
+
+def _trust(group: h5py.Group) -> Trust:
+    return Trust(group["landmarks"][:], group["whitening"][:], float(group["threshold"][()]))
 
 
 def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:

@@ -67,6 +67,7 @@ _RUN = (
     Dataset("runs/*/*/mean_error", "f8", ("N",), "m", "mean vertex distance to the full space", True),
     Dataset("runs/*/*/max_error", "f8", ("N",), "m", "largest vertex distance to the full space", True),
     Dataset("runs/*/*/windowed_mean_error", "f8", ("N",), "m", "the same, restarted every window", True),
+    Dataset("runs/*/*/trust", "f8", ("N",), "", "distance to the training codes, latent space only", True),
     Dataset("runs/*/*/mean_displacement", "f8", ("N",), "m", "mean displacement of the full space", True),
 )
 
@@ -101,10 +102,15 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
     "model": (
         Dataset("decoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
         Dataset("decoder/biases_*", "f8", ("o",), "", "of each layer"),
+        Dataset("skip", "f8", ("r", "k"), "", "Aᵀ of the decoder's linear skip", True),
         Dataset("encoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
         Dataset("encoder/biases_*", "f8", ("o",), "", "of each layer"),
         Dataset("loss", "f8", ("epochs", 2), "kg m²", "training and validation loss after each epoch"),
         Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
+        Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
+        Dataset("trust/landmarks", "f8", ("L", "r"), "", "training codes, whitened; see trust.score", True),
+        Dataset("trust/whitening", "f8", ("r", "r"), "", "turns a code into what the landmarks are", True),
+        Dataset("trust/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),
         Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and held-out frames"),
         Dataset("kp", "i8", (), "", "PCA dimension with the autoencoder's largest training error"),
         Dataset("best_epoch", "i8", (), "", "the epoch whose weights were kept"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import click
 import numpy as np
 
@@ -16,6 +18,7 @@ from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import inner_product
+from ldsim.reduction.trust import Trust
 from ldsim.solvers.solution import Reason
 from ldsim.threads import one_thread
 
@@ -56,12 +59,13 @@ def command(run: Run) -> None:
                 for space, trajectory, minimiser in compare_motion(
                     scene, metric, spaces, recorded.motion, recorded.held, snapshots.reader(name), options, bar.update
                 ):
-                    runs[space][name] = trajectory
+                    runs[space][name] = _with_trust(trajectory, model.trust)
                     minimisers[f"{space}_minimiser"] = minimiser
     inputs = ("scene", "snapshots", "basis", "model", "cubature")
     write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, -1, **minimisers), runs)
     run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
     _warn_of_failed_steps(runs)
+    _warn_of_distrust(runs, model.trust)
 
 
 def _set(stored: StoredCubature, points: int | None) -> CubatureSet:
@@ -78,6 +82,26 @@ def _motions(wanted: tuple[str, ...] | None, known: list[str]) -> list[str]:
 def _summary(space: str, motions: dict[str, Trajectory]) -> str:
     seconds = np.concatenate([trajectory.seconds for trajectory in motions.values()])
     return f"{space} {1e3 * np.nanmedian(seconds):.3g} ms a step"
+
+
+def _with_trust(trajectory: Trajectory, trust: Trust | None) -> Trajectory:
+    if trust is None or trajectory.latent is None:
+        return trajectory
+    return replace(trajectory, trust=trust(trajectory.latent))
+
+
+def _warn_of_distrust(runs: dict[str, dict[str, Trajectory]], trust: Trust | None) -> None:
+    for name, trajectory in runs["latent"].items():
+        if trust is None or trajectory.trust is None:
+            continue
+        far = int((trajectory.trust > trust.threshold).sum())
+        if far:
+            click.echo(
+                f"warning: {name} in the latent space: {far} of {len(trajectory.trust)} frames are far from the "
+                f"training motions (score up to {np.nanmax(trajectory.trust):.2g}, trusted up to "
+                f"{trust.threshold:.2g}); train on motions like it",
+                err=True,
+            )
 
 
 def _warn_of_failed_steps(runs: dict[str, dict[str, Trajectory]]) -> None:

@@ -210,6 +210,34 @@ def online_error_over_time(
     return to_svg(figure, f"{where.capitalize()}mean vertex distance to the full-space run over time")
 
 
+def trust_over_time(
+    seconds: Array, score: Array, error_mm: Array, threshold: float, correlation: float | None, motion: str
+) -> str:
+    """The trust score of each frame beside the true error.
+
+    Args:
+        seconds, score, error_mm: of each frame, (N,).
+        threshold: score from which on a frame is distrusted.
+        correlation: Spearman's, of score and error.
+    """
+    told = "" if correlation is None else f" (rank correlation {correlation:.2f})"
+    figure, ax = new_axes(f"motion {motion}: time, s{told}", "mean vertex distance, mm")
+    ax.plot(*thinned(seconds, error_mm), color=LATENT, lw=1.5, label="true error")
+    right = ax.twinx()
+    right.set_ylabel("distance to the training codes", color=INK, fontsize=9.5)
+    right.tick_params(colors=INK, labelsize=9, length=0)
+    right.spines[:].set_visible(False)
+    right.plot(*thinned(seconds, score), color=GREEN, lw=1.2)
+    right.axhline(threshold, color=INK, lw=1, ls=(0, (4, 2)), alpha=0.7)
+    _line_label(right, threshold, f"distrusted above {plain_number(threshold)}")
+    ax.plot([], [], color=GREEN, lw=1.2, label="trust score (right)")
+    for axis in (ax, right):
+        axis.set_ylim(bottom=0)
+    ax.margins(x=0.01)
+    legend(ax)
+    return to_svg(figure, f"Motion {motion}: trust score and true error over time")
+
+
 def _line_label(ax: Axes, y: float, text: str, side: Literal["left", "right"] = "right") -> None:
     """A small text on a horizontal line, at one of its ends."""
     at, inwards = (0, 3) if side == "left" else (1, -3)

@@ -19,6 +19,7 @@ from ldsim.evaluation.sections import (
     simulation,
     subject,
     table_one,
+    trust,
 )
 
 
@@ -41,7 +42,7 @@ def render_page(
     violations = check_report(report)
     if violations:
         raise ValueError("the report breaks the contract of report.json: " + "; ".join(violations))
-    makers = (subject, table_one, reconstruction, cubature, simulation, cost, machine)
+    makers = (subject, table_one, reconstruction, cubature, simulation, trust, cost, machine)
     sections = [maker(report) for maker in makers]
     sections.append(other_figures(figures, known=sections))
     body = element(

@@ -16,9 +16,10 @@ from ldsim.evaluation.figures import (
     singular_values,
     step_times,
     training_history,
+    trust_over_time,
 )
 from ldsim.evaluation.finished_run import FinishedRun
-from ldsim.evaluation.report_numbers import MS_PER_S, pooled_seconds
+from ldsim.evaluation.report_numbers import MS_PER_S, pooled_seconds, rank_correlation
 from ldsim.evaluation.report_schema import SPACES
 
 
@@ -38,7 +39,7 @@ def draw_figures(run: FinishedRun, cubature_tolerance: float | None) -> dict[str
     }
     if bars:
         figures["step_times"] = step_times(bars)
-    return figures | _online_errors(run)
+    return figures | _online_errors(run) | _trust(run)
 
 
 def _error_against_k(run: FinishedRun) -> str:
@@ -79,4 +80,18 @@ def _online_errors(run: FinishedRun) -> dict[str, str]:
         seconds = h * np.arange(1.0, recorded.motion.frames + 1)
         grabs = [(h * drag.start, h * drag.stop) for drag in recorded.motion.drags]
         figures[f"online_error_{name}"] = online_error_over_time(seconds, curves, grabs, name)
+    return figures
+
+
+def _trust(run: FinishedRun) -> dict[str, str]:
+    """One figure a motion that the latent space ran with a score."""
+    figures = {}
+    for name, trajectory in run.runs("latent").items():
+        if run.model.trust is None or trajectory.trust is None or trajectory.mean_error is None:
+            continue
+        seconds = run.scene.time_step * np.arange(1.0, len(trajectory.trust) + 1)
+        error = MM_PER_M * trajectory.mean_error
+        figures[f"trust_{name}"] = trust_over_time(
+            seconds, trajectory.trust, error, run.model.trust.threshold, rank_correlation(trajectory), name
+        )
     return figures

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from ldsim.artefacts.records import StoredCubature
 from ldsim.dynamics.trajectory import Trajectory
@@ -131,6 +132,7 @@ def _simulation(run: FinishedRun, motion: str, trajectory: Trajectory) -> dict[s
         "iterations": _finite(trajectory.iterations[made].mean()) if some else None,
         "evaluations": _finite(trajectory.evaluations[made].mean()) if some else None,
         "online_error": _online_error(trajectory),
+        "trust": _trust(run, trajectory),
         "diverged": trajectory.diverged,
     }
 
@@ -147,6 +149,33 @@ def _online_error(trajectory: Trajectory) -> dict[str, float | None] | None:
         "max_mm": _finite(MM_PER_M * largest.max()),
         "mean_mm": _finite(MM_PER_M * mean.mean()),
     }
+
+
+def _trust(run: FinishedRun, trajectory: Trajectory) -> dict[str, float | None] | None:
+    """The score over the motion, the share of distrusted frames, and how well it ranks the true error."""
+    if trajectory.trust is None or run.model.trust is None:
+        return None
+    known = np.isfinite(trajectory.trust)
+    scores = trajectory.trust[known]
+    if len(scores) == 0:
+        return None
+    threshold = run.model.trust.threshold
+    return {
+        "median": _finite(np.median(scores)),
+        "threshold": _finite(threshold),
+        "distrusted": _finite((scores > threshold).mean()),
+        "rank_correlation": None if trajectory.mean_error is None else rank_correlation(trajectory),
+    }
+
+
+def rank_correlation(trajectory: Trajectory) -> float | None:
+    """Spearman's between the trust score and the mean vertex error of each frame; None where one is constant."""
+    assert trajectory.trust is not None and trajectory.mean_error is not None
+    known = np.isfinite(trajectory.trust) & np.isfinite(trajectory.mean_error)
+    score, error = rankdata(trajectory.trust[known]), rankdata(trajectory.mean_error[known])
+    if len(score) < 3 or np.ptp(score) == 0 or np.ptp(error) == 0:
+        return None
+    return _finite(np.corrcoef(score, error)[0, 1])
 
 
 def _ratio(error: Array | None, moved: Array | None) -> float | None:

@@ -119,6 +119,7 @@ CUBATURE = Record(
     {"points": COUNT, "relative_error": Record({"train": NUMBER, "heldout": NUMBER}), "seconds": NUMBER}, nullable=True
 )
 ONLINE_ERROR = Record({"relative": NUMBER, "windowed": NUMBER, "max_mm": NUMBER, "mean_mm": NUMBER}, nullable=True)
+TRUST = Record({"median": NUMBER, "threshold": NUMBER, "distrusted": NUMBER, "rank_correlation": NUMBER}, nullable=True)
 SIMULATION = Record(
     {
         "motion": TEXT,
@@ -129,6 +130,7 @@ SIMULATION = Record(
         "iterations": NUMBER,
         "evaluations": NUMBER,
         "online_error": ONLINE_ERROR,
+        "trust": TRUST,
         "diverged": TRUTH,
     }
 )

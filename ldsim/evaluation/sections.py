@@ -135,6 +135,27 @@ def simulation(report: Mapping[str, Any]) -> Section:
     return Section("Simulation: speed beside error", content, ("step_times", "online_error"))
 
 
+def trust(report: Mapping[str, Any]) -> Section:
+    """Whether the score told where the latent runs went wrong."""
+    header = ("motion", "median score", "distrusted above", "distrusted frames", "rank correlation with the true error")
+    rows = [
+        (
+            joined(run["motion"], " ", element("small", ROLE_NAMES[run["role"]])),
+            *(number(run["trust"][key]) for key in ("median", "threshold")),
+            percent(run["trust"]["distrusted"]),
+            number(run["trust"]["rank_correlation"]),
+        )
+        for run in report["simulate"]["latent"]
+        if run["trust"] is not None
+    ]
+    note = _note(
+        "The score is the distance of the latent state to the nearest training code; 99 % of the training codes "
+        "score at most 1. It needs no full-space run, the true error does."
+    )
+    content = table(header, rows, "Trust in the latent runs")
+    return Section("How far to trust it", (note, content) if rows else (), ("trust",))
+
+
 def cost(report: Mapping[str, Any]) -> Section:
     """What each stage took."""
     rows = [

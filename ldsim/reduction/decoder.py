@@ -1,8 +1,8 @@
 """The decoder φ: R^r → R^k as compiled loops over contiguous arrays; the identity is the linear space.
 
 φ(z) = N(z) − N(0) + A z: a multilayer perceptron N (paper, Sec. 4.3) without its value at zero, so that φ(0) = 0 to the
-last bit, and an optional linear skip A. The paper's decoder has neither; without the first it has no z for the rest
-shape (paper_facts.md, Fig. 9).
+last bit, and an optional linear skip A, kept as Aᵀ so that every loop over it runs along memory. The paper's decoder
+has neither; without the first it has no z for the rest shape (paper_facts.md, Fig. 9).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ACTIVATIONS = {"elu": 0, "relu": 1, "tanh": 2}
+ACTIVATIONS = {"elu": 0, "relu": 1, "tanh": 2, "sigmoid": 3}
 REASSOCIATE = {"reassoc", "contract", "nsz"}
 
 
@@ -26,8 +26,8 @@ class Layers(NamedTuple):
     """What the compiled loops read.
 
     sizes (layers + 1,): r, hidden widths, k — or the one number k for the identity. weights: every layer's (in, out)
-    matrix, row by row, one after the other. biases: one after the other. rest (k,): N(0). skip (k, r), or (0, 0) for
-    none. activation: a number of `ACTIVATIONS`.
+    matrix, row by row, one after the other. biases: one after the other. rest (k,): N(0). skip (r, k): Aᵀ, or (0, 0)
+    for none. activation: a number of `ACTIVATIONS`.
     """
 
     sizes: NDArray[np.int64]
@@ -44,7 +44,9 @@ def _activate(kind: int, x: float) -> float:
         return x if x > 0.0 else math.expm1(x)
     if kind == 1:
         return max(x, 0.0)
-    return math.tanh(x)
+    if kind == 2:
+        return math.tanh(x)
+    return 0.5 + 0.5 * math.tanh(0.5 * x)
 
 
 @njit(cache=True, nogil=True)
@@ -54,7 +56,9 @@ def _slope(kind: int, y: float) -> float:
         return 1.0 if y > 0.0 else y + 1.0
     if kind == 1:
         return 1.0 if y > 0.0 else 0.0
-    return 1.0 - y * y
+    if kind == 2:
+        return 1.0 - y * y
+    return y * (1.0 - y)
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
@@ -95,8 +99,9 @@ def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
         source, target = target, target + columns
     q -= layers.rest
     for i in range(layers.skip.shape[0]):
-        for j in range(layers.skip.shape[1]):
-            q[i] += layers.skip[i, j] * z[j]
+        x, row = z[i], layers.skip[i]
+        for j in range(row.shape[0]):
+            q[j] += x * row[j]
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
@@ -142,8 +147,7 @@ def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient
                 out[i] *= _slope(layers.activation, hidden[start + i])
         end = start
     for i in range(layers.skip.shape[0]):
-        for j in range(layers.skip.shape[1]):
-            gradient[j] += layers.skip[i, j] * v[i]
+        gradient[i] += _dot(layers.skip[i], v)
 
 
 @njit(cache=True, nogil=True)
@@ -172,8 +176,8 @@ def decode_jacobian(layers: Layers, hidden: Array, scratch: Array, jacobian: Arr
                     out[j] *= _slope(layers.activation, hidden[target + j])
             w += rows * columns
             source, target = target, target + columns
-        for j in range(layers.skip.shape[0]):
-            jacobian[i, j] += layers.skip[j, i]
+        if layers.skip.shape[0] > 0:
+            jacobian[i] += layers.skip[i]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +203,7 @@ class Decoder:
         activation: str = "elu",
         skip: Array | None = None,
     ) -> Decoder:
-        """A perceptron of the given (in, out) weights and (out,) biases, less its value at 0, plus the skip (k, r)."""
+        """A perceptron of (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k)."""
         sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])
@@ -230,6 +234,11 @@ class Decoder:
         """The (out,) offsets of each layer; none for the identity."""
         sizes = self.layers.sizes
         return np.split(self.layers.biases, np.cumsum(sizes[1:])[:-1]) if len(sizes) > 1 else []
+
+    @property
+    def skip(self) -> Array | None:
+        """Aᵀ of the linear skip, (r, k); None where there is none."""
+        return self.layers.skip if self.layers.skip.size else None
 
     @property
     def is_identity(self) -> bool:

@@ -17,7 +17,9 @@ def _activate(kind: str, x: Array) -> Array:
         return np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
     if kind == "relu":
         return np.maximum(x, 0)
-    return np.tanh(x)
+    if kind == "tanh":
+        return np.tanh(x)
+    return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,5 +56,6 @@ def _run(
         "iterations": iterations,
         "evaluations": evaluations,
         "online_error": error and dict(zip(keys, error, strict=True)),
+        "trust": None,
         "diverged": False,
     }

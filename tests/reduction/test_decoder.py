@@ -19,7 +19,7 @@ def network(activation: str, hidden: tuple[int, ...], skip: bool, seed: int = 0)
     sizes = [3, *hidden, 7]
     weights = [rng.normal(size=(a, b)) / np.sqrt(a) for a, b in zip(sizes[:-1], sizes[1:], strict=True)]
     biases = [rng.normal(size=b) for b in sizes[1:]]
-    return Decoder.network(weights, biases, activation, rng.normal(size=(7, 3)) if skip else None)
+    return Decoder.network(weights, biases, activation, rng.normal(size=(3, 7)) if skip else None)
 
 
 def decoders() -> list[object]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
 from ldsim.reduction.autoencoder import Trained, TrainingOptions, train
-from ldsim.reduction.latent_search import search
 
 Array = NDArray[np.float64]
 
@@ -63,38 +62,6 @@ def test_training_stops_when_the_validation_loss_has_gone_stale() -> None:
     trained = train(arc(), 1, replace(OPTIONS, epochs=2000, learning_rate=0.05, patience=10))
     assert len(trained.loss) < 2000
     assert len(trained.loss) == trained.best_epoch + 11
-
-
-def test_the_search_finds_the_dimension_of_an_arc() -> None:
-    q = arc()
-
-    def error(trained: Trained) -> tuple[float, float]:
-        distance = np.linalg.norm(trained.decoder(trained.encoder(q)) - q, axis=1)
-        return float(distance.max()), float(distance.mean())
-
-    found = search(q, None, OPTIONS, error, tolerance=0.06)
-    assert found.trained.decoder.r == 1
-    assert found.met
-
-
-def test_the_search_bisects_between_a_size_that_fails_and_one_that_holds() -> None:
-    sizes: list[int] = []
-
-    def error(trained: Trained) -> tuple[float, float]:
-        sizes.append(trained.decoder.r)
-        return (1.0 if trained.decoder.r < 5 else 0.0), 0.0
-
-    q = np.random.default_rng(0).normal(size=(60, 9))
-    found = search(q, None, replace(OPTIONS, epochs=1), error, tolerance=0.5)
-    assert found.trained.decoder.r == 5
-    assert sizes == [1, 2, 4, 8, 6, 5]
-    assert found.tried[:, 0].tolist() == sizes
-
-
-def test_a_tolerance_out_of_reach_is_said_in_one_line() -> None:
-    q = np.random.default_rng(0).normal(size=(60, 3))
-    with pytest.raises(SolverError, match="no latent dimension up to k = 3"):
-        search(q, None, replace(OPTIONS, epochs=1), lambda _: (1.0, 1.0), tolerance=0.5)
 
 
 @pytest.mark.parametrize(

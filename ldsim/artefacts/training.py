@@ -1,0 +1,49 @@
+"""The checkpoints of a training that is not finished: one file for each training of a search, plain arrays."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.store import creating, dataset_names
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+class TrainingStore:
+    """The checkpoint file of one training.
+
+    Args:
+        identity: hash of the data and the options; another identity is another training.
+    """
+
+    def __init__(self, folder: Path, name: str, identity: str) -> None:
+        self._path = folder / f"{name}.checkpoint.h5"
+        self._identity = identity
+
+    def load(self) -> Arrays | None:
+        """What this very training saved last; None where there is nothing, or nothing readable."""
+        try:
+            with h5py.File(self._path, "r") as file:
+                if file.attrs["identity"] != self._identity:
+                    return None
+                return {name: np.asarray(file[name][()]) for name in dataset_names(file)}
+        except (OSError, KeyError):
+            return None
+
+    def save(self, arrays: Arrays) -> None:
+        """Replace the checkpoint; whole or not at all."""
+        with creating(self._path) as file:
+            file.attrs["identity"] = self._identity
+            for name, values in arrays.items():
+                file[name] = values
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Forget all checkpoints, once the model is written."""
+    shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,56 @@
+"""Tangents and forces of the reduced coordinates at some training poses, for the equilibrium loss of training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.reduction.autoencoder import Forces
+from ldsim.reduction.pca import Chunks
+
+Array = NDArray[np.float64]
+
+
+def spread_frames(total: int, count: int) -> NDArray[np.int64]:
+    """At most `count` frames, evenly spread over all."""
+    frames: NDArray[np.int64] = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(np.int64))
+    return frames
+
+
+def pose_forces(
+    scene: Scene, U: Array, q: Array, chunks: Chunks, frames: NDArray[np.int64], progress: Callable[[], object]
+) -> Forces:
+    """K̃ and the force that projection adds at some of the training snapshots.
+
+    Every quadrature point is integrated; the point tangents are clamped to be positive semidefinite.
+
+    Args:
+        U: basis, (3n, k). q: coordinates of all snapshots, (N, k). chunks: their displacements, in the same order.
+        frames: which snapshots, (p,) rising.
+        progress: called after each of them.
+    """
+    n, k = scene.mesh.n_vertices, U.shape[1]
+    elements = scene.elements
+    pattern = StiffnessPattern(scene.points.nodes, scene.free, n)
+    free = np.ascontiguousarray(U.reshape(n, 3, k)[scene.free].reshape(-1, k))
+    stiffness, excess = np.empty((len(frames), k, k)), np.empty((len(frames), k))
+    done, start = 0, 0
+    for chunk in chunks():
+        for frame in frames[(frames >= start) & (frames < start + len(chunk))]:
+            u = chunk[frame - start].reshape(n, 3).astype(np.float64)
+            stiffness[done] = free.T @ (pattern.matrix(pattern.stiffness_blocks(elements, u, clamp=True)) @ free)
+            added = np.zeros((n, 3))
+            add_elastic_gradient(elements, u, added)
+            np.negative(added, out=added)
+            # A projection that inverts a point has no force; what was added before it stops counts for nothing then.
+            inverted = not np.isfinite(add_elastic_gradient(elements, (U @ q[frame]).reshape(n, 3), added))
+            excess[done] = 0.0 if inverted else U.T @ added.ravel()
+            done += 1
+            progress()
+        start += len(chunk)
+    return Forces(frames, stiffness, excess)
