@@ -19,7 +19,7 @@ from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import surface_triangles, surface_vertices
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 
 Array = NDArray[np.float64]
@@ -184,7 +184,7 @@ class Source:
         name = _known("motion", motion or next(name for name in self.motions if name in ran), ran)
         coordinates = ran[name].coordinates
         assert coordinates is not None, "reduced runs keep their coordinates"
-        finite: NDArray[np.bool_] = np.isfinite(coordinates).all(axis=1)
+        finite = np.asarray(np.isfinite(coordinates).all(axis=1), dtype=bool)
         frames = len(finite) if finite.all() else int(finite.argmin())
         if frames == 0:
             raise ExportError(f"motion {name!r} diverged in the first frame of the {space} space; nothing to export")
