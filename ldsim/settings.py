@@ -393,6 +393,9 @@ class SimulateSettings(Section):
     tolerance: Positive = Field(1e-8, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")
     max_iterations: int = Field(200, ge=1, description="Of one reduced step.")
     full_frames: int = Field(100, ge=1, description="Frames of the full space to time, from the first grab on.")
+    material: MaterialChangeSettings | None = Field(
+        None, description="Another material than that of the scene, for all motions; no errors are computed then."
+    )
     window: Positive = Field(0.25, description="Restart from the full space this often for the windowed error, s.")
 
 

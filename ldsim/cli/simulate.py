@@ -14,6 +14,8 @@ from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion
+from ldsim.mechanics.properties import Change
+from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
@@ -32,6 +34,9 @@ def command(run: Run) -> None:
     cubature, header = read_cubature(run.path("cubature"))
     run.check("cubature", header, "scene", "snapshots", "basis", "model")
     U = stored.basis.U
+    changed = settings.material is not None
+    if settings.material is not None:
+        scene = with_properties(scene, properties_of(scene).changed(Change(**settings.material.model_dump())))
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
     narrow = np.ascontiguousarray(U[:, : model.kp])
     spaces = [
@@ -49,20 +54,25 @@ def command(run: Run) -> None:
     minimisers: dict[str, str] = {}
     with Snapshots(run.path("snapshots")) as snapshots, one_thread():
         names = _motions(settings.motions, snapshots.names)
-        steps = sum(4 * snapshots.frames(name) for name in names)
+        steps = sum((2 if changed else 4) * snapshots.frames(name) for name in names)
         with progress_bar(steps, "simulate", "step") as bar:
             for name in names:
                 bar.set_postfix_str(
                     f"{name} (the first step compiles the kernels, about a minute)" if bar.n == 0 else name
                 )
                 recorded = snapshots.recorded(name)
+                judge = None if changed else snapshots.reader(name)
                 for space, trajectory, minimiser in compare_motion(
-                    scene, metric, spaces, recorded.motion, recorded.held, snapshots.reader(name), options, bar.update
+                    scene, metric, spaces, recorded.motion, recorded.held, judge, options, bar.update
                 ):
                     runs[space][name] = _with_trust(trajectory, model.trust)
                     minimisers[f"{space}_minimiser"] = minimiser
     inputs = ("scene", "snapshots", "basis", "model", "cubature")
-    write_simulation(run.path("simulation"), run.header("simulation", "simulate", inputs, -1, **minimisers), runs)
+    write_simulation(
+        run.path("simulation"),
+        run.header("simulation", "simulate", inputs, -1, **minimisers, material_changed=int(changed)),
+        runs,
+    )
     run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
     _warn_of_failed_steps(runs)
     _warn_of_distrust(runs, model.trust)

@@ -29,6 +29,7 @@ from ldsim.solvers.solution import Reason
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Held = Mapping[int, Indices]
+Frames = Callable[[int, int], NDArray[np.float32]]
 
 TRIAL_FRAMES = 60
 CHUNK = 64
@@ -211,24 +212,19 @@ def compare_motion(
     spaces: Sequence[ReducedSpace],
     motion: Motion,
     held: Held,
-    snapshots: Callable[[int, int], NDArray[np.float32]],
+    snapshots: Frames | None,
     options: Options,
     progress: Callable[[], object],
 ) -> Iterator[tuple[str, Trajectory, str]]:
     """Run one motion in the full space (a stretch, for its time) and in each reduced space (whole, and windowed).
 
+    Without snapshots, as with a material that no full-space run had, the full space is run from rest up to the end of
+    the stretch, and nothing is judged or windowed.
+
     Yields the space's name, its trajectory and its minimiser.
     """
-
-    def frame(i: int) -> Array:
-        if i < 0:
-            return np.zeros((scene.mesh.n_vertices, 3))
-        return np.asarray(snapshots(i, i + 1)[0], dtype=np.float64)
-
     timed = stretch(motion, options.full_frames)
-    before = (frame(timed.start - 1), frame(timed.start - 2))
-    yield "full", run_full(scene, motion, held, timed, before, options.tolerance), "L-BFGS, turned factor"
-    every = max(round(options.window / scene.time_step), 1)
+    yield "full", _full_stretch(scene, motion, held, timed, snapshots, options.tolerance), "L-BFGS, turned factor"
     for space in spaces:
 
         def make(method: Method, current: bool, space: ReducedSpace = space) -> ReducedStepper:
@@ -244,11 +240,40 @@ def compare_motion(
                 current=current,
             )
 
-        def state(i: int, space: ReducedSpace = space) -> ReducedState:
-            return space.state(metric, frame(i), frame(i - 1))
-
         name, stepper = fastest(make, scene, motion, held)
         whole = range(motion.frames)
         trajectory = run_reduced(stepper, scene, motion, held, whole, progress=progress)
-        windowed = run_reduced(stepper, scene, motion, held, whole, Restarts(every, state), progress=progress)
-        yield space.name, with_errors(trajectory, space.U, snapshots, windowed), name
+        if snapshots is not None:
+            restarts = _restarts(scene, metric, space, snapshots, options.window)
+            windowed = run_reduced(stepper, scene, motion, held, whole, restarts, progress=progress)
+            trajectory = with_errors(trajectory, space.U, snapshots, windowed)
+        yield space.name, trajectory, name
+
+
+def _displacement(scene: Scene, snapshots: Frames, frame: int) -> Array:
+    """The full space after a frame, (n, 3) float64; rest before the first."""
+    if frame < 0:
+        return np.zeros((scene.mesh.n_vertices, 3))
+    return np.asarray(snapshots(frame, frame + 1)[0], dtype=np.float64)
+
+
+def _full_stretch(
+    scene: Scene, motion: Motion, held: Held, timed: range, snapshots: Frames | None, tolerance: float
+) -> Trajectory:
+    """The frames of a stretch in the full space, started from its snapshots or, without, run up to from rest."""
+    if snapshots is not None:
+        before = tuple(_displacement(scene, snapshots, timed.start - back) for back in (1, 2))
+        return run_full(scene, motion, held, timed, (before[0], before[1]), tolerance)
+    rest = np.zeros((scene.mesh.n_vertices, 3))
+    whole = run_full(scene, motion, held, range(timed.stop), (rest, rest), tolerance)
+    part = slice(timed.start, None)
+    return Trajectory(whole.iterations[part], whole.evaluations[part], whole.reason[part], whole.seconds[part])
+
+
+def _restarts(scene: Scene, metric: csr_array, space: ReducedSpace, snapshots: Frames, window: float) -> Restarts:
+    """Restarts of a reduced space from the snapshots, every window of so many seconds."""
+
+    def state(i: int) -> ReducedState:
+        return space.state(metric, _displacement(scene, snapshots, i), _displacement(scene, snapshots, i - 1))
+
+    return Restarts(max(round(window / scene.time_step), 1), state)

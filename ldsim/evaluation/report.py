@@ -81,6 +81,7 @@ def build_report(
         *cautions(numbers, wanted.cubature_tolerance),
         *_missed_training_tolerance(run, wanted.training_tolerance_mm),
         *_unconverged_steps(run),
+        *_changed_material(run),
     ]
     page = render_page(numbers, figures, _within_budget(pictures), warnings)
     return Report(numbers, page, figures, pictures)
@@ -121,6 +122,15 @@ def _missed_training_tolerance(run: FinishedRun, tolerance_mm: float) -> list[st
     return [
         f"The autoencoder misses training frames by up to {readable(reached)} mm; "
         f"{tolerance_mm:g} mm were asked for (train.tolerance_mm)."
+    ]
+
+
+def _changed_material(run: FinishedRun) -> list[str]:
+    if not int(run.headers["simulation"].notes.get("material_changed", 0)):
+        return []
+    return [
+        "The motions were simulated with another material than the snapshots have (simulate.material), so there is no "
+        "full-space run to judge them by; basis, autoencoder and cubature are those of the old material."
     ]
 
 

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper, run
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.errors import MotionError
 from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion, run_reduced, stretch
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support
+from ldsim.mechanics.properties import Change
+from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
@@ -73,6 +75,29 @@ def test_the_full_space_is_timed_from_the_first_grab_on(snapshots: object) -> No
     assert len(full.seconds) == OPTIONS.full_frames  # type: ignore[attr-defined]
     assert stretch(MOTION, 5) == range(3, 8)
     assert stretch(MOTION, 100) == range(14)
+
+
+def test_with_another_material_the_spaces_run_it_and_nothing_is_judged(snapshots: object) -> None:
+    _, held = snapshots  # type: ignore[misc]
+    softer = with_properties(BODY, properties_of(BODY).changed(Change(youngs_factor=0.5)))
+    metric, U = inner_product(BODY.mass, "mass"), basis()
+    found = compare_motion(softer, metric, [whole(U)], MOTION, held, None, OPTIONS, lambda: None)
+    runs = {name: trajectory for name, trajectory, _ in found}
+    assert len(runs["full"].seconds) == OPTIONS.full_frames
+    linear = runs["linear"]
+    assert linear.mean_error is None and linear.windowed_mean_error is None and linear.coordinates is not None
+    tracker = GrabTracker(MOTION, BODY.mesh.vertices, BODY.movable, dict(held))
+    alone = run(FullStepper(softer, tolerance=1e-9), tracker, FullState.at_rest(BODY.mesh.n_vertices), range(14))
+    for (_, state, _), q in zip(alone, linear.coordinates, strict=True):
+        np.testing.assert_allclose((U @ q).reshape(-1, 3), state.u, atol=1e-7)
+
+
+def test_a_motion_that_moves_pins_is_refused_and_named() -> None:
+    support = Support(np.flatnonzero(BODY.pinned), np.tile(np.eye(3, 4), (2, 1, 1)))
+    U, every = basis(4), np.arange(BODY.points.n_points)
+    stepper = ReducedStepper(BODY, U, Decoder.identity(4), every, BODY.points.weights)
+    with pytest.raises(MotionError, match="motion twist moves pins.* `ldsim snapshot`, in the full space"):
+        run_reduced(stepper, BODY, Motion("twist", 2, supports=(support,)), {}, range(2))
 
 
 def test_a_lost_run_ends_in_nan_and_counts_as_diverged() -> None:
