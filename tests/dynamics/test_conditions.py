@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper, run
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support
+from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from tests.helpers import random_rotation, scene
@@ -90,3 +93,20 @@ def test_the_first_frames_of_a_motion_are_those_of_the_whole() -> None:
     for u, v in zip(states(body, part), states(body, whole), strict=False):
         np.testing.assert_array_equal(u, v)
     assert whole.first(9).frames == 5
+
+
+def test_a_recording_made_on_a_coarse_mesh_moves_a_fine_one_alike(tmp_path: Path) -> None:
+    # Figure 8 of the paper: what pulls on the fine mesh is the recording alone, found again by its points
+    rows = ["# spring_stiffness_n_per_m: 200", "# grab_radius_m: 0.06"]
+    rows.append("is_dragging,target_x,target_y,target_z,grabbed_x,grabbed_y,grabbed_z")
+    rows += [f"{int(i < 15)},{0.4 - 0.002 * i},{0.006 * i},{0.003 * i},0.4,0,0" for i in range(25)]
+    (tmp_path / "coarse.csv").write_text("\n".join(rows), encoding="utf-8")
+    motion = read_recording(tmp_path / "coarse.csv", "coarse")
+    tips = []
+    for resolution in (2, 4):
+        body = scene(beam(0.4, 0.1, 0.1, resolution, "hex8"), "neo_hookean", gravity=(0.0, 0.0, 0.0))
+        tip = body.mesh.vertices[:, 0] > 0.4 - 1e-9
+        tips.append(np.array([u[tip].mean(axis=0) for u in states(body, motion, tolerance=1e-6)]))
+    coarse, fine = tips
+    assert np.abs(fine).max() > 0.03
+    assert np.linalg.norm(coarse - fine) < 0.1 * np.linalg.norm(fine)
