@@ -237,6 +237,16 @@ def recording(content: str | None) -> Callable[[Experiment], None]:
     return spoil
 
 
+def motions(*entries: dict[str, object]) -> Callable[[Experiment], None]:
+    return lambda experiment: experiment.change("snapshot.motions", list(entries))
+
+
+def moving(where: dict[str, object], *keyframes: dict[str, object]) -> dict[str, object]:
+    return {"where": where, "keyframes": list(keyframes)}
+
+
+FEET: dict[str, object] = {"slab": {"axis": "y", "thickness": 0.001}}
+TOP: dict[str, object] = {"slab": {"axis": "y", "at": "max", "thickness": 0.001}}
 MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     "missing": (recording(None), "a.csv does not exist"),
     "empty": (recording(""), "holds no frames"),
@@ -246,6 +256,23 @@ MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     "not finite": (recording(RECORDING.format(rows="1,nan,0,0,0,0,0")), "not finite"),
     "a grab that hits no vertex": (recording(RECORDING.format(rows=MISS)), "hits no vertex"),
     "a grab of pinned vertices": (recording(RECORDING.format(rows="1,0,-1,0,0.09,-0.075,0")), "only pinned vertices"),
+    "a path with one keyframe": (
+        motions({"name": "a", "script": {"moving_pins": [moving(FEET, {"time": 0})]}}),
+        "moving_pins.0.keyframes: a path needs at least two keyframes, got 1",
+    ),
+    "a path of what is not pinned": (
+        motions({"name": "a", "script": {"moving_pins": [moving(TOP, {"time": 0}, {"time": 1, "angle": 9})]}}),
+        "motion a: Slab(axis='y', at_max=True, thickness=0.001) holds no pinned vertex",
+    ),
+    "a path of an unknown group": (
+        motions({"name": "a", "script": {"moving_pins": [moving({"group": "lid"}, {"time": 0}, {"time": 1})]}}),
+        "motion a: the mesh has no group 'lid'; known are none",
+    ),
+    "a script that is not there": (motions({"name": "a", "script_file": "b.yaml"}), "b.yaml does not exist"),
+    "no motion to learn from": (
+        motions({"name": "a", "role": "heldout", "gravity_sweep": {"duration": 1}}),
+        "at least one motion must have the role train",
+    ),
 }
 
 
@@ -257,6 +284,18 @@ def test_a_bad_motion(experiment: Experiment, case: str) -> None:
         text = experiment.folder / "a.csv"
         text.write_text(text.read_text().replace("grab_radius_m: 0.03", "grab_radius_m: 0.001"))
     assert words in refusal(experiment, "snapshot")
+
+
+@pytest.mark.parametrize("command", ["pca", "simulate"])
+def test_pins_that_move_are_refused_in_the_reduced_spaces(experiment: Experiment, command: str) -> None:
+    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+        group = file["motions/a"]
+        group["support_maps"] = np.tile(np.eye(3, 4), (1, int(group.attrs["frames"]), 1, 1))
+        group["support_vertices"], group["support_count"] = np.array([0]), np.array([1])
+    if command == "pca":
+        assert "motion a moves pins, which the linear and the latent space cannot do" in refusal(experiment, command)
+    else:  # it is another file than the model was made from, which is said first
+        assert "was made from another snapshots" in refusal(experiment, command)
 
 
 def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
