@@ -75,7 +75,7 @@ class Part:
     def of(cls, elements: Elements, U: Array, points: Indices) -> Part:
         vertices, nodes = np.unique(elements.nodes[points], return_inverse=True)
         part = Elements(
-            nodes.reshape(len(points), -1).astype(np.int32),
+            nodes.reshape(elements.nodes[points].shape).astype(np.int32),
             elements.gradients[points],
             elements.weights[points],
             elements.kind[points],
@@ -189,7 +189,7 @@ class ProjectedForces:
         for _ in in_threads(project, chunks, self._threads):
             pass
         columns /= self.scales[:, None, None]
-        return columns.reshape(len(self.target), -1)
+        return columns.reshape(len(self.target), len(part.points))
 
     def correlations(self, residual: Array) -> Array:
         """The candidates' columns times a residual (T r,), and zero for all other points; returns (s,) float64."""
