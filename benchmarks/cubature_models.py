@@ -34,7 +34,6 @@ class Model:
     """A solid with a latent space and the poses of its training motions.
 
     Attributes:
-        space: with `displacement` of the poses where they can be read.
         encoder: of the latent space.
         folder: of the artefacts.
     """
@@ -54,14 +53,14 @@ def finished(name: str, folder: Path, r: int | None = None) -> Model:
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
-    with Snapshots(folder / "snapshots.h5") as snapshots:
-        names = snapshots.with_role("train")
-        q = all_coordinates(lambda: snapshots.chunks(names), inner_product(scene.mass, "mass"), U)
+    snapshots = Snapshots(folder / "snapshots.h5").__enter__()  # stays open: a closure reads true poses
+    names = snapshots.with_role("train")
+    q = all_coordinates(lambda: snapshots.chunks(names), inner_product(scene.mass, "mass"), U)
     decoder, encoder = model.decoder, model.encoder
     if r is not None and r != decoder.r:
         trained = train(q, r, TrainingOptions(epochs=EPOCHS))
         decoder, encoder = trained.decoder, trained.encoder
-    space = PoseSpace(scene, U, decoder, reduced_rest_stiffness(scene, U), encoder(q), _unread)
+    space = PoseSpace(scene, U, decoder, reduced_rest_stiffness(scene, U), encoder(q), snapshots.frame_reader(names))
     return Model(name, space, encoder, folder)
 
 
@@ -85,13 +84,13 @@ def once_refined(model: Model) -> Model:
     mesh = refined(coarse.mesh)
     ends = np.sort(coarse.mesh.cells[:, EDGES].astype(np.int64), axis=2)
     first, second = np.divmod(np.unique(ends[..., 0] * coarse.mesh.n_vertices + ends[..., 1]), coarse.mesh.n_vertices)
-    nodal = model.space.U.reshape(coarse.mesh.n_vertices, 3, -1)
-    U = np.concatenate([nodal, (nodal[first] + nodal[second]) / 2]).reshape(3 * mesh.n_vertices, -1)
+
+    def finer(nodal: NDArray[np.floating]) -> NDArray[np.floating]:
+        return np.concatenate([nodal, (nodal[first] + nodal[second]) / 2])
+
+    U = finer(model.space.U.reshape(coarse.mesh.n_vertices, 3, -1)).reshape(3 * mesh.n_vertices, -1)
     eight = {name: np.repeat(getattr(coarse, name), 8) for name in ("material", "mu", "lam", "density")}
     pinned = np.concatenate([coarse.pinned, coarse.pinned[first] & coarse.pinned[second]])
     scene: Scene = replace(coarse, mesh=mesh, pinned=pinned, **eight)
-    return replace(model, name=f"{model.name} refined", space=replace(model.space, scene=scene, U=U))
-
-
-def _unread(t: int) -> Array:
-    raise AssertionError(f"pose {t}: nothing here asks for a closure")
+    space = replace(model.space, scene=scene, U=U, displacement=lambda t: finer(model.space.displacement(t)))
+    return replace(model, name=f"{model.name} refined", space=space)

@@ -2,8 +2,8 @@
 
 Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008,
 "Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I; on the tangent of a
-nonlinear manifold Jain and Tiso 2017, "Simulation-free hyper-reduction for geometrically nonlinear structural dynamics:
-a quadratic manifold lifting approach", Sec. 4). Its inner product with a residual ρ needs no b_st: with
+nonlinear manifold Jain and Tiso 2017, "Hyper-reduction over nonlinear manifolds for large nonlinear mechanical
+systems", arXiv:1710.05160). Its inner product with a residual ρ needs no b_st: with
 y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
 """
 
