@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.reduced import Method
-from ldsim.dynamics.reduced_model import ReducedStepper
+from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
 from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced, with_errors
 from ldsim.evaluation.machine import describe_machine
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.metric import rest_compliance
 from ldsim.reduction.cubature.selection import split_poses
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
@@ -105,11 +107,15 @@ def main(folder: Path, dimensions: tuple[int, ...]) -> None:
         q: NDArray[np.float64] = all_coordinates(lambda: snapshots.chunks(names), metric, U)
         fitted, _ = split_poses(len(q), min(400, len(q) * 2 // 3), 0, seed=0)
 
+        stiffness = reduced_rest_stiffness(scene, U)
+
         def spaces() -> Iterator[ReducedSpace]:
             yield ReducedSpace("latent", U, model.decoder, model.encoder, cubature["latent"].best)
             for k in sorted({*dimensions, model.kp} & set(range(U.shape[1] + 1))):
                 narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
-                points = fit(ProjectedForces(scene, narrow, identity, q[fitted, :k]), TOLERANCE, 800).best
+                compliance = rest_compliance(stiffness[:k, :k], identity, q[:, :k])
+                forces = ProjectedForces(scene, narrow, identity, q[fitted, :k], metric=compliance)
+                points = fit(forces, Goal(TOLERANCE, 800)).best
                 yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
 
         print("| space | motion | dimension | points | minimiser | median ms | p99 ms | evaluations | online error |")

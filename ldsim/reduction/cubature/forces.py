@@ -2,8 +2,8 @@
 
 Point s adds b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (An, Kim and James 2008,
 "Optimizing Cubature for Efficient Integration of Subspace Deformations", Sec. 4, there with J = I; on the tangent of a
-nonlinear manifold Jain and Tiso 2017, "Simulation-free hyper-reduction for geometrically nonlinear structural dynamics:
-a quadratic manifold lifting approach", Sec. 4). Its inner product with a residual ρ needs no b_st: with
+nonlinear manifold Jain and Tiso 2017, "Hyper-reduction over nonlinear manifolds for large nonlinear mechanical
+systems", arXiv:1710.05160). Its inner product with a residual ρ needs no b_st: with
 y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
 """
 
@@ -75,7 +75,7 @@ class Part:
     def of(cls, elements: Elements, U: Array, points: Indices) -> Part:
         vertices, nodes = np.unique(elements.nodes[points], return_inverse=True)
         part = Elements(
-            nodes.reshape(len(points), -1).astype(np.int32),
+            nodes.reshape(elements.nodes[points].shape).astype(np.int32),
             elements.gradients[points],
             elements.weights[points],
             elements.kind[points],
@@ -189,7 +189,7 @@ class ProjectedForces:
         for _ in in_threads(project, chunks, self._threads):
             pass
         columns /= self.scales[:, None, None]
-        return columns.reshape(len(self.target), -1)
+        return columns.reshape(len(self.target), len(part.points))
 
     def correlations(self, residual: Array) -> Array:
         """The candidates' columns times a residual (T r,), and zero for all other points; returns (s,) float64."""

@@ -90,9 +90,10 @@ class ForceChanges:
 
     def _change(self, columns: Array) -> Array:
         """Normalised forces (rows, c) → normalised changes."""
-        forces = columns.reshape(self._forces.n_poses, self._forces.dimension, -1) * self._forces.scales[:, None, None]
+        shape = (self._forces.n_poses, self._forces.dimension, columns.shape[1])
+        forces = columns.reshape(shape) * self._forces.scales[:, None, None]
         changes: Array = (forces[self._ahead] - forces[self._behind]) / self._scales[:, None, None]
-        return changes.reshape(-1, columns.shape[1])
+        return changes.reshape(len(self._ahead) * shape[1], shape[2])
 
 
 class Energies:

@@ -107,9 +107,10 @@ def select(
     """Fit to some poses and judge every set of the ladder on others.
 
     The error on held-out and perturbed poses is in the space that will be stepped, whatever the fit was projected on.
+    A closure aims at the true poses where they are known: on held-out poses too, but not on perturbed ones.
     """
     found = _fit(space if recipe.latent else space.in_basis(), fitted, recipe, progress)
-    heldout = _forces(space, space.z[kept_back], recipe)
+    heldout = _forces(space, space.z[kept_back], recipe, _closure(space, kept_back, recipe))
     perturbed = _forces(space, perturb(space.z, kept_back, recipe.perturbation, (recipe.goal.seed, JUDGED)), recipe)
     return Selection(found, relative_errors(heldout, found.ladder), relative_errors(perturbed, found.ladder))
 
@@ -125,9 +126,8 @@ def _fit(space: PoseSpace, fitted: Indices, recipe: Recipe, progress: Progress |
     z, seed = space.z[fitted], recipe.goal.seed
     extra = np.random.default_rng((seed, PERTURBED)).permutation(fitted)[: round(recipe.perturbed * len(fitted))]
     every = np.concatenate([z, perturb(space.z, extra, recipe.perturbation, (seed, PERTURBED))])
-    closure = Closure(lambda t: space.displacement(int(fitted[t])), len(z), recipe.closure) if recipe.closure else None
     candidates = _candidates(space.scene.points.n_points, recipe)
-    forces = _forces(space, every, recipe, closure, candidates)
+    forces = _forces(space, every, recipe, _closure(space, fitted, recipe), candidates)
     others: list[tuple[Rows, float]] = []
     if recipe.tangent:
         steps = perturb(space.z, fitted, TANGENT_STEP, (seed, TANGENTS)) - z
@@ -137,6 +137,12 @@ def _fit(space: PoseSpace, fitted: Indices, recipe: Recipe, progress: Progress |
         energies = Energies(space.scene, space.U, space.decoder, every, candidates, recipe.threads)
         others.append((energies, recipe.energy))
     return fit(forces, recipe.goal, recipe.method, others=tuple(others), candidates=candidates, progress=progress)
+
+
+def _closure(space: PoseSpace, poses: Indices, recipe: Recipe) -> Closure | None:
+    if not recipe.closure:
+        return None
+    return Closure(lambda t: space.displacement(int(poses[t])), len(poses), recipe.closure)
 
 
 def _candidates(points: int, recipe: Recipe) -> Indices | None:

@@ -116,6 +116,11 @@ def test_candidates_limit_the_correlations_and_nothing_else() -> None:
     assert np.array_equal(some.columns(np.array([0, 5])), forces.columns(np.array([0, 5])))
 
 
+def test_no_points_are_an_empty_matrix(case: Problem) -> None:
+    forces = forces_of(case)
+    assert forces.columns(np.empty(0, dtype=np.int64)).shape == (len(forces.target), 0)
+
+
 def test_the_number_of_threads_changes_no_bit(case: Problem) -> None:
     one, four = forces_of(case, threads=1), forces_of(case, threads=4)
     residual = np.random.default_rng(7).standard_normal(len(one.target))
