@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -203,11 +204,20 @@ def load_settings(path: Path) -> Settings:
         raise SettingsError(f"configuration {path} is empty; examples lie in configs/")
     if not isinstance(content, dict):
         raise SettingsError(f"configuration {path} holds {type(content).__name__}; expected a mapping of sections")
+    return settings_of(content, str(path))
+
+
+def settings_of(content: Mapping[str, Any], source: str) -> Settings:
+    """Check a configuration that was read, or made, elsewhere; `source` names it in messages.
+
+    Raises:
+        SettingsError: as `load_settings`.
+    """
     try:
-        return Settings.model_validate(content)
+        return Settings.model_validate(dict(content))
     except ValidationError as error:
         faults = "; ".join(_fault(dict(fault)) for fault in error.errors())
-        raise SettingsError(f"configuration {path}: {faults}") from error
+        raise SettingsError(f"configuration {source}: {faults}") from error
 
 
 def _fault(fault: dict[str, Any]) -> str:

@@ -18,6 +18,7 @@ COMMANDS = {
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
+    "paper": "Make the paper's tables and figures again.",
     "info": "Print an artefact's header and contents.",
     "settings": "Check a configuration and print it with defaults.",
 }
