@@ -33,7 +33,11 @@ REPORT := $(RUN)/report/report.html
 .NOTPARALLEL:
 # An artefact is renamed when whole, so an interrupted make must never delete the one that lies there.
 .PRECIOUS: $(SCENE) $(SNAPSHOTS) $(BASIS) $(MODEL) $(CUBATURE) $(SIMULATION) $(REPORT) $(STAMPS)
-.PHONY: $(STAGES) demo settings test lint clean help FORCE
+# What `make paper` makes: all, or fig9, and QUICK=yes for small versions.
+NAME ?= all
+QUICK ?=
+
+.PHONY: $(STAGES) demo paper settings test lint clean help FORCE
 
 # $(call stage,train): run a stage and remember that one was run.
 stage = $(eval RAN := yes)$(LDSIM) $(1) $(CONFIG) --runs $(RUNS)
@@ -60,6 +64,9 @@ $(ENVIRONMENT): pyproject.toml
 
 demo: ## the embedded demo through all stages
 	@$(MAKE) --no-print-directory EXPERIMENT=demo report
+
+paper: $(ENVIRONMENT) ## the paper's tables and figures: NAME=all or fig9, QUICK=yes for small ones
+	$(LDSIM) paper $(NAME) --runs $(RUNS) $(if $(QUICK),--quick)
 
 settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
 	@$(LDSIM) settings $(CONFIG)

@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import os
 import random
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -447,11 +448,24 @@ def _validated(path: Path, what: str, section: type[AnySection]) -> AnySection:
         raise SettingsError(f"{what} {path} is empty; examples lie in configs/")
     if not isinstance(content, dict):
         raise SettingsError(f"{what} {path} holds {type(content).__name__}; expected a mapping of sections")
+    return _checked(content, str(path), what, section)
+
+
+def settings_of(content: Mapping[str, Any], source: str) -> Settings:
+    """Check a configuration that was read, or made, elsewhere; `source` names it in messages.
+
+    Raises:
+        SettingsError: as `load_settings`.
+    """
+    return _checked(content, source, "configuration", Settings)
+
+
+def _checked(content: Mapping[str, Any], source: str, what: str, section: type[AnySection]) -> AnySection:
     try:
-        return section.model_validate(content)
+        return section.model_validate(dict(content))
     except ValidationError as error:
         faults = "; ".join(_fault(dict(fault), what, section) for fault in error.errors())
-        raise SettingsError(f"{what} {path}: {faults}") from error
+        raise SettingsError(f"{what} {source}: {faults}") from error
 
 
 def _fault(fault: dict[str, Any], what: str, root: type[BaseModel]) -> str:

@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
     "export": "Write a run's motion or model for other programs.",
+    "paper": "Make the paper's tables and figures again.",
     "info": "Print an artefact's header and contents.",
     "settings": "Check a configuration and print it with defaults.",
 }
