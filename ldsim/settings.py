@@ -327,9 +327,13 @@ class SnapshotSettings(Section):
 
 
 class PcaSettings(Section):
-    k: int | None = Field(None, ge=1, description="Dimension; left out, the max-vertex-error rule finds it.")
-    tolerance_mm: Positive = Field(1.0, description="Largest vertex error over the training snapshots, mm.")
-    max_k: int = Field(100, ge=1, description="Largest dimension that the rule may take.")
+    k: int | None = Field(None, ge=1, description="Dimension; left out, the criterion finds it.")
+    criterion: Literal["max_error", "mean_error", "energy"] = Field(
+        "max_error", description="What the tolerance is of: vertex error (largest, mean), or energy lost."
+    )
+    tolerance_mm: Positive = Field(1.0, description="Vertex error over the training snapshots, mm.")
+    energy: float = Field(1e-4, gt=0, lt=1, description="Share of the snapshots' squared norm that may be lost.")
+    max_k: int = Field(100, ge=1, description="Largest dimension that the criterion may lead to.")
     inner_product: Literal["mass", "euclidean"] = Field("mass", description="In which U is orthonormal.")
 
 

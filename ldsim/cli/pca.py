@@ -6,7 +6,7 @@ from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.mechanics.motion import check_pins_stand
-from ldsim.reduction.pca import errors_against_k, fit_basis, inner_product
+from ldsim.reduction.pca import Rule, errors_against_k, fit_basis, inner_product
 
 
 @stage_command("pca", "Find the linear basis by the max-vertex-error rule or for a given k.")
@@ -19,9 +19,9 @@ def command(run: Run) -> None:
         for name in snapshots.names:
             check_pins_stand(snapshots.recorded(name).motion)
         train, heldout = snapshots.with_role("train"), snapshots.with_role("heldout")
-        basis = fit_basis(
-            lambda: snapshots.chunks(train), metric, settings.k, settings.tolerance_mm / 1e3, settings.max_k
-        )
+        tolerance = settings.energy if settings.criterion == "energy" else settings.tolerance_mm / 1e3
+        rule = Rule(settings.k, settings.criterion, tolerance, settings.max_k)
+        basis = fit_basis(lambda: snapshots.chunks(train), metric, rule)
         bar.update()
         errors = errors_against_k(lambda: snapshots.chunks(heldout), metric, basis.U) if heldout else (None, None)
         bar.update()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,8 @@ from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, 
 from ldsim.reduction.trust import fit_trust
 from ldsim.settings import TrainSettings
 from ldsim.threads import one_thread
+
+NO_HELDOUT = "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
 
 
 @stage_command("train", "Train the autoencoder in PCA coordinates; interrupted, it goes on where it was.")
@@ -71,6 +74,9 @@ def command(run: Run) -> None:
         found = search(U.shape[1], settings.r, alone, leading, error, settings.tolerance_mm / 1e3)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
         unseen = snapshots.with_role("heldout")
+        if not unseen:
+            bar.clear()
+            click.echo(NO_HELDOUT, err=True)
         others = all_coordinates(lambda: snapshots.chunks(unseen), metric, U)
         trust = fit_trust(found.trained.decoder, found.trained.encoder, q, others)
     trained = found.trained

@@ -20,6 +20,10 @@ from ldsim.errors import SolverError
 Array = NDArray[np.float64]
 Chunks = Callable[[], Iterable[NDArray[np.float32]]]
 
+# Columns whose products are summed in float32, and the share of the largest singular value down to which that serves.
+BLOCK = 4096
+SINGLE = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Basis:
@@ -49,6 +53,8 @@ def inner_product(mass: csr_array, kind: str) -> csr_array:
 
 def weighted(metric: csr_array, fields: NDArray[np.floating]) -> Array:
     """Applies a scalar (n, n) metric to rows of displacements (b, 3n); (b, 3n) float64."""
+    if metric.nnz == metric.shape[0] and (metric.data == 1).all():
+        return np.asarray(fields, dtype=np.float64)
     stacked = np.asarray(fields, dtype=np.float64).reshape(len(fields), -1, 3)
     moved = np.ascontiguousarray(stacked.transpose(1, 0, 2)).reshape(stacked.shape[1], -1)
     product = (metric @ moved).reshape(stacked.shape[1], len(fields), 3)
@@ -61,13 +67,17 @@ def coordinates(metric: csr_array, U: Array, fields: NDArray[np.floating]) -> Ar
     return q
 
 
-def gram_matrix(chunks: Chunks, metric: csr_array) -> Array:
-    """X M Xᵀ over all snapshots, (N, N) float64; holds two chunks at a time."""
+def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] = np.float64) -> Array:
+    """X M Xᵀ over all snapshots, (N, N) float64; holds three chunks at a time.
+
+    Args:
+        products: np.float32 halves the time; products of a few columns are then summed in float64. What is smaller
+            than about 1e-4 of the largest singular value is lost in their rounding.
+    """
     rows = []
     for i, left in enumerate(chunks()):
-        product = weighted(metric, left)
-        blocks = [product @ right.T.astype(np.float64) for j, right in enumerate(chunks()) if j <= i]
-        rows.append(np.hstack(blocks))
+        product = weighted(metric, left).astype(products, copy=False)
+        rows.append(np.hstack([_products(product, right) for j, right in enumerate(chunks()) if j <= i]))
     total = sum(len(row) for row in rows)
     gram = np.zeros((total, total))
     start = 0
@@ -79,29 +89,72 @@ def gram_matrix(chunks: Chunks, metric: csr_array) -> Array:
     return symmetric
 
 
-def leading_modes(chunks: Chunks, metric: csr_array, k: int) -> tuple[Array, Array]:
+def _products(left: NDArray[np.floating], right: NDArray[np.float32]) -> Array:
+    """left rightᵀ, float64, in blocks of columns: each block in the precision of `left`, their sum in float64."""
+    total = np.zeros((len(left), len(right)))
+    for start in range(0, left.shape[1], BLOCK):
+        block = slice(start, start + BLOCK)
+        total += left[:, block] @ right[:, block].T.astype(left.dtype, copy=False)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The decomposed Gram matrix: singular values, falling, and the snapshots' coefficients of each mode, (N, N)."""
+
+    singular_values: Array
+    vectors: Array
+
+    @property
+    def independent(self) -> int:
+        """How many snapshots are: float32 carries seven digits, so directions down to 1e-6 of the first."""
+        return int((self.singular_values > 1e-6 * self.singular_values[0]).sum())
+
+
+def spectrum(chunks: Chunks, metric: csr_array, wanted: int | None = None) -> Spectrum:
+    """Singular values and coefficients of the snapshots.
+
+    Args:
+        wanted: the number of modes that will be used; where their singular values lie well above the rounding of
+            float32 products, those are used, and float64 else.
+
+    Raises:
+        SolverError: a snapshot is not finite, or all are zero.
+    """
+    if wanted is not None:
+        quick = _decomposed(gram_matrix(chunks, metric, np.float32))
+        if quick.singular_values[min(wanted, len(quick.vectors)) - 1] > SINGLE * quick.singular_values[0]:
+            return quick
+    return _decomposed(gram_matrix(chunks, metric))
+
+
+def _decomposed(gram: Array) -> Spectrum:
+    if not np.isfinite(gram).all():
+        frame = int(np.argwhere(~np.isfinite(np.diag(gram)))[0, 0])
+        raise SolverError(f"training snapshot {frame} holds a displacement that is not finite; rerun snapshot")
+    squares, vectors = eigh(gram)
+    singular = np.sqrt(np.maximum(squares[::-1], 0))
+    if singular[0] == 0:
+        raise SolverError("all training snapshots are zero; nothing moves, so there is no basis to find")
+    return Spectrum(singular, vectors[:, ::-1])
+
+
+def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | None = None) -> tuple[Array, Array]:
     """The k leading modes (3n, k) and all singular values, float64.
 
     Raises:
         SolverError: fewer than k snapshots are independent, or one is not finite.
     """
-    gram = gram_matrix(chunks, metric)
-    if not np.isfinite(gram).all():
-        frame = int(np.argwhere(~np.isfinite(np.diag(gram)))[0, 0])
-        raise SolverError(f"training snapshot {frame} holds a displacement that is not finite; rerun snapshot")
-    squares, vectors = eigh(gram)
-    squares, vectors = squares[::-1], vectors[:, ::-1]
-    singular = np.sqrt(np.maximum(squares, 0))
-    if singular[0] == 0:
-        raise SolverError("all training snapshots are zero; nothing moves, so there is no basis to find")
-    # float32 snapshots carry seven digits, so their Gram matrix carries directions down to 1e-6 of the first
-    rank = int((singular > 1e-6 * singular[0]).sum())
-    if rank < k:
-        raise SolverError(f"k = {k} but only {rank} of {len(gram)} training snapshots are independent; lower pca.k")
+    found = found if found is not None else spectrum(chunks, metric, k)
+    singular = found.singular_values
+    if found.independent < k:
+        raise SolverError(
+            f"k = {k} but only {found.independent} of {len(singular)} training snapshots are independent; lower pca.k"
+        )
     modes = None
     start = 0
     for chunk in chunks():
-        part = chunk.T.astype(np.float64) @ (vectors[start : start + len(chunk), :k] / singular[:k])
+        part = chunk.T.astype(np.float64) @ (found.vectors[start : start + len(chunk), :k] / singular[:k])
         modes = part if modes is None else modes + part
         start += len(chunk)
     assert modes is not None
@@ -150,14 +203,37 @@ def errors_against_k(chunks: Chunks, metric: csr_array, U: Array) -> tuple[Array
     return largest, total / count
 
 
-def fit_basis(chunks: Chunks, metric: csr_array, k: int | None, tolerance: float, max_k: int) -> Basis:
-    """A basis of k modes, or of the fewest that keep every vertex of every snapshot within the tolerance.
+@dataclass(frozen=True)
+class Rule:
+    """How many modes: k where it is given, else the fewest that meet a tolerance on the training snapshots.
+
+    Attributes:
+        criterion: "max_error" (paper, Sec. 4.3) or "mean_error" of the vertices, tolerance in metres; or "energy", the
+            share of the snapshots' squared norm that is lost.
+        max_k: the largest k that a tolerance may lead to.
+    """
+
+    k: int | None = None
+    criterion: str = "max_error"
+    tolerance: float = 1e-3
+    max_k: int = 100
+
+    def describe(self, reached: float) -> str:
+        """What was reached and what is allowed, in words."""
+        if self.criterion == "energy":
+            return f"lose {reached:.3g} of the energy, allowed are {self.tolerance:.3g}; raise pca.max_k or pca.energy"
+        kind = "vertex error" if self.criterion == "max_error" else "mean vertex error"
+        return (
+            f"leave a {kind} of {1e3 * reached:.3g} mm, allowed are {1e3 * self.tolerance:.3g} mm; raise pca.max_k or "
+            "pca.tolerance_mm"
+        )
+
+
+def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Basis:
+    """A basis of as many modes as the rule asks for.
 
     Args:
         chunks: yields rows of displacements (b, 3n) float32, the same sequence each time it is called.
-        k: number of modes, or None for the max-vertex-error rule (paper, Sec. 4.3).
-        tolerance: metres, for k = None.
-        max_k: the largest k tried for k = None.
 
     Raises:
         SolverError: k is larger than the number of independent snapshots, or max_k modes miss the tolerance.
@@ -165,24 +241,18 @@ def fit_basis(chunks: Chunks, metric: csr_array, k: int | None, tolerance: float
     count = sum(len(chunk) for chunk in chunks())
     if count == 0:
         raise SolverError("there are no training snapshots; give at least one motion the role train")
-    wanted = k if k is not None else min(max_k, count)
-    if wanted > count:
-        raise SolverError(f"k = {wanted} but there are only {count} training snapshots; lower pca.k")
-    if k is None:
-        wanted = min(wanted, _independent(chunks, metric))
-    U, singular = leading_modes(chunks, metric, wanted)
+    if rule.k is not None and rule.k > count:
+        raise SolverError(f"k = {rule.k} but there are only {count} training snapshots; lower pca.k")
+    found = spectrum(chunks, metric, rule.k)
+    most = rule.k if rule.k is not None else min(rule.max_k, found.independent)
+    U, singular = leading_modes(chunks, metric, most, found)
     max_error, mean_error = errors_against_k(chunks, metric, U)
-    if k is None:
-        within = np.flatnonzero(max_error <= tolerance)
-        if len(within) == 0 and wanted == max_k:
-            raise SolverError(
-                f"{max_k} modes leave a vertex error of {1e3 * max_error[-1]:.3g} mm, allowed are "
-                f"{1e3 * tolerance:.3g} mm; raise pca.max_k or pca.tolerance_mm"
-            )
-        wanted = max(int(within[0]), 1) if len(within) else wanted
+    wanted = most
+    if rule.k is None:
+        squares = np.concatenate([[0.0], np.cumsum(singular**2)])
+        lost = {"max_error": max_error, "mean_error": mean_error, "energy": 1 - squares / squares[-1]}[rule.criterion]
+        within = np.flatnonzero(lost[: most + 1] <= rule.tolerance)
+        if len(within) == 0 and most == rule.max_k:
+            raise SolverError(f"{most} modes {rule.describe(lost[most])}")
+        wanted = max(int(within[0]), 1) if len(within) else most
     return Basis(np.ascontiguousarray(U[:, :wanted]), singular, max_error[: wanted + 1], mean_error[: wanted + 1])
-
-
-def _independent(chunks: Chunks, metric: csr_array) -> int:
-    squares = np.linalg.eigvalsh(gram_matrix(chunks, metric))
-    return max(int((squares > 1e-12 * squares[-1]).sum()), 1)

@@ -1,0 +1,75 @@
+"""`ldsim train`: what a kill in the middle costs, and what the artefact tells of the search and of trust."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+
+from tests.cli.experiments import TINY, Experiment
+
+LONG = TINY | {"train": {"r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "patience": 6000, "equilibrium": 1.0}}
+
+
+def weights(experiment: Experiment) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+    with h5py.File(experiment.run / "model.h5") as file:
+        return [file[f"{part}/weights_{i}"][:] for part in ("decoder", "encoder") for i in range(2)]
+
+
+def test_a_killed_training_goes_on_and_ends_as_an_undisturbed_one(experiment: Experiment) -> None:
+    experiment.configure(LONG | {"train": LONG["train"] | {"epochs": 400}})
+    assert experiment.invoke("train").exit_code == 0
+    undisturbed = weights(experiment)
+    (experiment.run / "model.h5").unlink()
+    command = [
+        sys.executable,
+        "-m",
+        "ldsim",
+        "train",
+        str(experiment.config),
+        "--runs",
+        str(experiment.folder / "runs"),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    checkpoint = experiment.run / "model.partial" / "r3.checkpoint.h5"
+    while process.poll() is None and not checkpoint.is_file():
+        time.sleep(0.01)
+    assert process.poll() is None, "the training ended before it could be killed"
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (experiment.run / "model.h5").exists()
+    assert experiment.invoke("train").exit_code == 0
+    for ours, theirs in zip(weights(experiment), undisturbed, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert not checkpoint.exists()
+
+
+def test_a_search_leaves_its_table_in_the_artefact(experiment: Experiment) -> None:
+    experiment.configure(TINY | {"train": {"tolerance_mm": 20.0, "hidden": [8], "epochs": 30, "batch": 16}})
+    assert experiment.invoke("train").exit_code == 0
+    with h5py.File(experiment.run / "model.h5") as file:
+        table, own = file["search"][:], file["search_own"][:]
+        r = file["decoder/weights_0"].shape[0]
+    assert table[0, 0] == 6
+    assert not own[0]
+    assert r in table[:, 0]
+    assert own.sum() <= 2
+
+
+def test_simulate_records_trust_and_warns_where_it_is_low(experiment: Experiment) -> None:
+    with h5py.File(experiment.run / "simulation.h5") as file:
+        scores = file["runs/latent/b/trust"][:]
+        assert "trust" not in file["runs/linear/b"]
+    assert len(scores) == 20
+    assert (scores[np.isfinite(scores)] >= 0).all()
+    with h5py.File(experiment.run / "model.h5", "r+") as file:
+        file["trust/threshold"][...] = 0.0
+    assert experiment.invoke("cubature").exit_code == 0
+    result = experiment.invoke("simulate")
+    assert result.exit_code == 0
+    assert "frames are far from the training motions" in result.stderr

@@ -1,0 +1,63 @@
+"""Trust: near the training codes it is low, far from them high, and its threshold comes from held-out poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder
+from ldsim.reduction.trust import Trust, fit_trust
+
+Array = NDArray[np.float64]
+
+MATRIX = np.linalg.qr(np.random.default_rng(0).normal(size=(6, 2)))[0]
+
+
+def plane() -> tuple[Decoder, Encoder]:
+    """Two codes of six coordinates, linear both ways."""
+    return Decoder.network([MATRIX.T.copy()], [np.zeros(6)]), Encoder((MATRIX.copy(),), (np.zeros(2),))
+
+
+def ring(radius: float, count: int, seed: int = 0) -> Array:
+    angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, count)
+    return radius * np.stack([np.cos(angle), 0.01 * np.sin(angle)], axis=1)
+
+
+def test_training_codes_score_at_most_one_but_for_a_hundredth() -> None:
+    z = np.random.default_rng(1).normal(size=(2000, 2)) * [1.0, 1e-2]
+    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert (trust(z) <= 1).mean() == pytest.approx(0.99, abs=0.002)
+    assert trust.threshold == 2.0
+
+
+def test_the_score_is_the_distance_to_the_nearest_landmark() -> None:
+    rng = np.random.default_rng(2)
+    trust, z = Trust(rng.normal(size=(30, 3)), rng.normal(size=(3, 3)), 1.0), rng.normal(size=(8, 3))
+    distances = np.linalg.norm((z @ trust.whitening.T)[:, None] - trust.landmarks[None], axis=2)
+    np.testing.assert_allclose(trust(z), distances.min(axis=1), rtol=1e-12)
+
+
+def test_rest_and_training_codes_are_trusted_and_what_lies_beyond_is_not() -> None:
+    z = ring(1.0, 3000)
+    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert trust(np.zeros((1, 2)))[0] == 0.0
+    assert trust(z).max() < 3
+    assert trust(ring(2.0, 20)).min() > trust.threshold
+
+
+def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> None:
+    rng = np.random.default_rng(3)
+    z = rng.normal(size=(500, 2))
+    noise = 1e-3 * rng.normal(size=(500, 6))
+    good, far = rng.normal(size=(100, 2)), ring(30.0, 100) * [1, 100]
+    off = 0.1 * np.linalg.svd(MATRIX)[0][:, 5]
+    unseen = np.vstack([good @ MATRIX.T, far @ MATRIX.T + off])
+    trust = fit_trust(*plane(), z @ MATRIX.T + noise, unseen)
+    assert trust(good).max() < trust.threshold <= trust(far).min()
+
+
+def test_a_code_that_is_not_finite_has_no_score() -> None:
+    trust = Trust(np.zeros((1, 2)), np.eye(2), 1.0)
+    assert np.isnan(trust(np.array([[np.nan, 0.0]]))).all()
