@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import fcntl
 import json
 import os
 import select
@@ -105,14 +106,17 @@ def browser(folder: Path) -> Iterator[Browser]:
     assert CHROMIUM is not None
     to_browser, from_us = os.pipe()
     from_browser, to_us = os.pipe()
-    moved = f'exec 3<&{to_browser} 4>&{to_us}; exec "$@"'
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={folder}", "--remote-debugging-pipe", "about:blank"]
+    # The browser reads its descriptor 3 and writes its 4; ours are moved out of their way first.
+    ends = [fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 10) for descriptor in (to_browser, to_us)]
     process = subprocess.Popen(
-        ["sh", "-c", moved, "sh", *command],
-        pass_fds=(to_browser, to_us),
+        [CHROMIUM, *FLAGS, f"--user-data-dir={folder}", "--remote-debugging-pipe", "about:blank"],
+        preexec_fn=lambda: [os.dup2(descriptor, number) for number, descriptor in enumerate(ends, 3)] and None,
+        pass_fds=(3, 4),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+    for descriptor in ends:
+        os.close(descriptor)
     os.close(to_browser)
     os.close(to_us)
     try:
