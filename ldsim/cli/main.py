@@ -18,6 +18,8 @@ COMMANDS = {
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
+    "play": "Pull a finished run in the browser.",
+    "record": "Pull a coarse mesh in the browser and record a motion.",
     "info": "Print an artefact's header and contents.",
     "settings": "Check a configuration and print it with defaults.",
 }

@@ -8,7 +8,7 @@ from ldsim.artefacts.records import write_scene
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
 from ldsim.mechanics.pins import Ball, Pin, Slab, pinned_vertices
-from ldsim.mechanics.scene import uniform_scene
+from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, check_cells, reoriented
 from ldsim.mesh.shapes import SHAPES
@@ -17,10 +17,21 @@ from ldsim.settings import MeshSettings, PinSettings, resolve_path
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(run: Run) -> None:
-    settings = run.settings.mesh
+    scene = make_scene(run, run.settings.mesh)
+    mesh = scene.mesh
+    write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
+    run.done(
+        "scene",
+        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
+        f", {scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
+    )
+
+
+def make_scene(run: Run, settings: MeshSettings) -> Scene:
+    """The scene that the section `mesh` describes."""
     mesh = _mesh(run, settings)
     check_cells(mesh)
-    scene = uniform_scene(
+    return uniform_scene(
         mesh,
         pinned_vertices(mesh.vertices, [_pin(pin) for pin in settings.pins]),
         material=settings.material.model,
@@ -29,12 +40,6 @@ def command(run: Run) -> None:
         density=settings.density,
         gravity=settings.gravity,
         time_step=settings.time_step,
-    )
-    write_scene(run.path("scene"), run.header("scene", "mesh", ()), scene)
-    run.done(
-        "scene",
-        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
-        f", {scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
     )
 
 

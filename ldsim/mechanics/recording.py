@@ -69,8 +69,8 @@ def write_recording(path: Path, motion: Motion, notes: Mapping[str, str | float]
     for drag in sorted(motion.drags, key=lambda drag: drag.start):
         if drag.start <= previous or drag.at_rest or _spring(drag) != _spring(motion.drags[0]):
             raise MotionError(
-                f"motion {motion.name!r} cannot be written as a recording: its drag at frame {drag.start} follows another "
-                "without a frame between, has another radius or stiffness, or takes hold at rest"
+                f"motion {motion.name!r} cannot be written as a recording: its drag at frame {drag.start} follows "
+                "another without a frame between, has another radius or stiffness, or takes hold at rest"
             )
         previous = drag.stop
         rows = table[drag.start : drag.stop]

@@ -1,4 +1,4 @@
-"""The stepping behind the page: one thread obeys what the page says, steps at the pace of time, and publishes frames."""
+"""The stepping behind the page: one thread obeys the page, steps at the pace of time, and publishes frames."""
 
 from __future__ import annotations
 
