@@ -1,6 +1,7 @@
 // One solid in one space: its surface, its colours, its cubature points.
 
 import * as THREE from 'three';
+import { rows } from './creases.js';
 import { GpuDecoder, decodeOnCpu, normalsOnCpu } from './decode.js';
 
 export const SPACE_COLOURS = { latent: 0x2a9d8f, linear: 0xe0973a, full: 0x5b7fc7 };
@@ -51,12 +52,12 @@ export class Body {
   constructor(renderer, solid, space, gpu, fine) {
     this.fine = fine;
     this.solid = solid;
-    this.space = space;
+    this.space = space.k ? { ...space, basis: rows(space.basis, 3 * space.k, solid.source) } : space;
     this.count = solid.rest.length / 3;
     this.positions = solid.rest.slice();
     this.normals = new Float32Array(this.positions.length);
-    this.q = new Float32Array(space.k || this.positions.length);
-    this.decoder = gpu && space.k ? new GpuDecoder(renderer, solid, space) : null;
+    this.q = new Float32Array(space.k || 3 * solid.own);
+    this.decoder = gpu && space.k ? new GpuDecoder(renderer, solid, this.space) : null;
     this.fresh = false;
     this.group = new THREE.Group();
     this.group.add(this.makeSurface());
@@ -127,9 +128,9 @@ export class Body {
   /** Positions of the surface now, (3v), in the frame of the solid. */
   current() {
     if (this.fresh) return this.positions;
-    const { rest } = this.solid;
+    const { rest, source } = this.solid;
     if (this.space.k) decodeOnCpu(rest, this.space.basis, this.space.k, this.q, this.positions);
-    else for (let i = 0; i < rest.length; i++) this.positions[i] = rest[i] + this.q[i];
+    else for (let i = 0; i < rest.length; i++) this.positions[i] = rest[i] + this.q[3 * source[Math.floor(i / 3)] + (i % 3)];
     this.fresh = true;
     return this.positions;
   }
@@ -158,7 +159,7 @@ export class Body {
   }
 
   setShade(values) {
-    for (let i = 0; i < values.length; i++) this.shade.array[i] = values[i] / 255;
+    this.solid.source.forEach((vertex, i) => (this.shade.array[i] = values[vertex] / 255));
     this.shade.needsUpdate = true;
   }
 

@@ -1,5 +1,6 @@
 // The page: fetches the solid, links to the server, draws what it sends, and sends what the hand does.
 
+import { withCreases } from './creases.js';
 import { Hand } from './hand.js';
 import { Link, fetchBlock } from './link.js';
 import { Panel } from './panel.js';
@@ -84,7 +85,7 @@ class Page {
 
   showColours({ space, high, values }) {
     const body = this.stage.bodies[space];
-    if (!body || values.length !== body.count) return;
+    if (!body || values.length !== this.solid.own) return;
     body.setShade(values);
     if (this.colour in UNITS) this.panel.legend(['0', `${short(high)}${UNITS[this.colour]}`]);
   }
@@ -127,9 +128,10 @@ class Page {
       gpu: stage.gpu,
       software: stage.software,
       q: (i) => Array.from(stage.bodies[i].q),
-      positions: (i) => Array.from(stage.bodies[i].current()),
-      decoded: (i) => Array.from(stage.bodies[i].decoder.read(stage.bodies[i].count)),
+      positions: (i) => Array.from(stage.bodies[i].current().subarray(0, 3 * this.solid.own)),
+      decoded: (i) => Array.from(stage.bodies[i].decoder.read(this.solid.own)),
       screen: (i, vertex) => stage.toScreen(Array.from(stage.bodies[i].current().subarray(3 * vertex, 3 * vertex + 3)), stage.bodies[i]),
+      place: (i, point) => stage.toScreen(point, stage.bodies[i]),
       disconnect: () => this.link.socket.close(),
     };
   }
@@ -137,7 +139,7 @@ class Page {
 
 fetchBlock('solid')
   .then((solid) => {
-    const page = new Page(solid);
+    const page = new Page(withCreases(solid));
     Object.defineProperty(window, 'ldsim', { get: () => page.probe });
     document.getElementById('overlay').hidden = true;
   })

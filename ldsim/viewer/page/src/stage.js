@@ -6,10 +6,13 @@ import { RoomEnvironment } from 'three/addons/environments/RoomEnvironment.js';
 import { Body } from './body.js';
 import { canDecode, isSoftware } from './decode.js';
 
-const BACKGROUNDS = {
-  dark: { sky: 0x151a23, ground: 0x1b212c, grid: 0x39424f, light: 0.55 },
-  light: { sky: 0xeef1f5, ground: 0xe4e8ee, grid: 0xb9c1cc, light: 0.9 },
+// The backdrop is the page's own; the floor adds a shadow and a grid to it.
+const THEMES = {
+  dark: { shadow: 0.55, grid: 0x5b6878, light: 0.6 },
+  light: { shadow: 0.2, grid: 0x9aa6b5, light: 0.9 },
 };
+// The controls cover the right of a wide window, so the picture moves to the left by half of them.
+const [WIDE, COVERED] = [900, 300];
 const AXES = [new THREE.Vector3(1, 0, 0), new THREE.Vector3(0, 1, 0), new THREE.Vector3(0, 0, 1)];
 
 export class Stage {
@@ -18,7 +21,7 @@ export class Stage {
     this.solid = solid;
     this.bodies = [];
     this.grabs = [];
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.software = isSoftware(this.renderer);
     this.fine = quality === 'fine' || (quality !== 'plain' && !this.software);
     this.gpu = decode === 'gpu' || (decode !== 'cpu' && !this.software && canDecode(this.renderer));
@@ -65,12 +68,12 @@ export class Stage {
       scene.add(this.hemisphere);
     }
     this.key = new THREE.DirectionalLight(0xfff3e4, 2.4);
-    this.key.position.copy(centre).addScaledVector(up, 1.9 * diagonal).addScaledVector(right, -0.9 * diagonal).addScaledVector(toward, 1.2 * diagonal);
+    this.key.position.copy(centre).addScaledVector(up, 1.9 * diagonal).addScaledVector(right, -1.0 * diagonal).addScaledVector(toward, 2.1 * diagonal);
     this.key.target.position.copy(centre);
     this.key.castShadow = true;
     this.key.shadow.mapSize.setScalar(this.fine ? 2048 : 512);
     this.key.shadow.radius = 5;
-    this.key.shadow.normalBias = 0.006 * diagonal;
+    this.key.shadow.normalBias = 0.014 * diagonal;
     const rim = new THREE.DirectionalLight(0xb9d4ff, 0.9);
     rim.position.copy(centre).addScaledVector(up, 0.6 * diagonal).addScaledVector(right, diagonal).addScaledVector(toward, -1.5 * diagonal);
     rim.target.position.copy(centre);
@@ -79,28 +82,26 @@ export class Stage {
     scene.add(this.floor);
   }
 
-  /** A disc with a grid that fades into the background; it catches the shadow. */
+  /** A disc that shows nothing but the shadow on it and a grid that fades. */
   makeFloor(centre) {
-    const radius = 9 * this.diagonal;
     const cell = 10 ** Math.floor(Math.log10(this.diagonal / 3));
-    const material = new THREE.MeshStandardMaterial({ roughness: 1, metalness: 0, envMapIntensity: 0.25 });
-    this.floorUniforms = { sky: { value: new THREE.Color() }, grid: { value: new THREE.Color() } };
+    const material = new THREE.ShadowMaterial({ transparent: true });
+    this.grid = { value: new THREE.Color() };
     material.onBeforeCompile = (shader) => {
-      Object.assign(shader.uniforms, this.floorUniforms);
+      shader.uniforms.grid = this.grid;
       shader.vertexShader = shader.vertexShader
         .replace('#include <common>', '#include <common>\nvarying vec2 vFloor;')
         .replace('#include <begin_vertex>', '#include <begin_vertex>\nvFloor = position.xy;');
       shader.fragmentShader = shader.fragmentShader
-        .replace('#include <common>', '#include <common>\nvarying vec2 vFloor; uniform vec3 sky; uniform vec3 grid;')
-        .replace('#include <opaque_fragment>', `
+        .replace('#include <common>', '#include <common>\nvarying vec2 vFloor; uniform vec3 grid;')
+        .replace('#include <tonemapping_fragment>', `
           vec2 cells = vFloor / ${cell.toExponential()};
           vec2 line = abs(fract(cells - 0.5) - 0.5) / fwidth(cells);
-          float ink = (1.0 - min(min(line.x, line.y), 1.0)) * 0.5;
-          outgoingLight = mix(outgoingLight, grid, ink * exp(-length(vFloor) / ${(1.1 * this.diagonal).toFixed(6)}));
-          outgoingLight = mix(outgoingLight, sky, smoothstep(0.12, 0.75, length(vFloor) / ${radius.toFixed(6)}));
-          #include <opaque_fragment>`);
+          float ink = 0.45 * (1.0 - min(min(line.x, line.y), 1.0)) * exp(-pow(length(vFloor) / ${this.diagonal.toFixed(6)}, 2.0));
+          gl_FragColor = mix(gl_FragColor, vec4(grid, 1.0), ink);
+          #include <tonemapping_fragment>`);
     };
-    const floor = new THREE.Mesh(new THREE.CircleGeometry(radius, 96), material);
+    const floor = new THREE.Mesh(new THREE.CircleGeometry(5 * this.diagonal, 64), material);
     floor.receiveShadow = true;
     floor.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), this.up);
     const low = Math.min(this.up.dot(this.box.min), this.up.dot(this.box.max));
@@ -123,12 +124,9 @@ export class Stage {
   }
 
   setTheme(name) {
-    const theme = BACKGROUNDS[name];
-    const srgb = (hex) => new THREE.Color(hex);
-    this.scene.background = srgb(theme.sky);
-    this.floor.material.color = srgb(theme.ground);
-    this.floorUniforms.sky.value = srgb(theme.sky);
-    this.floorUniforms.grid.value = srgb(theme.grid);
+    const theme = THEMES[name];
+    this.floor.material.opacity = theme.shadow;
+    this.grid.value.set(theme.grid);
     this.scene.environmentIntensity = theme.light;
     if (this.hemisphere) this.hemisphere.intensity = 2 * theme.light;
     document.documentElement.dataset.theme = name;
@@ -201,6 +199,8 @@ export class Stage {
     if (!clientWidth || !clientHeight) return;
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.camera.aspect = clientWidth / clientHeight;
+    const aside = clientWidth > WIDE ? COVERED / 2 : 0;
+    this.camera.setViewOffset(clientWidth, clientHeight, aside, 0, clientWidth, clientHeight);
     this.camera.updateProjectionMatrix();
     this.look();
   }
