@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import write_scene
-from ldsim.cli.filling import filled_surface
+from ldsim.cli.filling import Notes, filled_surface
 from ldsim.cli.regions import region
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
@@ -18,7 +18,7 @@ from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Change, Properties
 from ldsim.mechanics.quadrature import quadrature
 from ldsim.mechanics.regions import cells_in
-from ldsim.mechanics.scene import make_scene
+from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, check_cells, reoriented
 from ldsim.mesh.refine import CHILDREN, refined
@@ -31,7 +31,18 @@ Numbers = Mapping[str, Array]
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(run: Run) -> None:
-    settings = run.settings.mesh
+    scene, notes = described_scene(run, run.settings.mesh)
+    mesh = scene.mesh
+    write_scene(run.path("scene"), run.header("scene", "mesh", (), -1, **notes), scene)
+    run.done(
+        "scene",
+        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
+        f", {scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
+    )
+
+
+def described_scene(run: Run, settings: MeshSettings) -> tuple[Scene, Notes]:
+    """The scene that the section `mesh` describes, and what the header of its artefact says of it."""
     cell_data: Numbers = {}
     if settings.surface is not None:
         mesh, notes = filled_surface(run, settings.surface)
@@ -41,13 +52,7 @@ def command(run: Run) -> None:
     pinned = pinned_vertices(mesh, [region(place) for place in settings.pins])
     properties = _properties(settings, mesh, cell_data)
     load = _load(settings, mesh, properties)
-    scene = make_scene(mesh, pinned, properties, settings.gravity, settings.time_step, load)
-    write_scene(run.path("scene"), run.header("scene", "mesh", (), -1, **notes), scene)
-    run.done(
-        "scene",
-        f"{mesh.n_vertices} vertices, {mesh.n_cells} {mesh.cell_type} cells, {int(scene.pinned.sum())} vertices pinned"
-        f", {scene.mass.sum():.3g} kg, diagonal {mesh.diagonal:.3g} m",
-    )
+    return make_scene(mesh, pinned, properties, settings.gravity, settings.time_step, load), notes
 
 
 def _mesh(run: Run, settings: MeshSettings) -> tuple[Mesh, Numbers]:

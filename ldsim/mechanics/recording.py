@@ -75,7 +75,7 @@ def write_recording(path: Path, motion: Motion, notes: Mapping[str, str | float]
         previous = drag.stop
         rows = table[drag.start : drag.stop]
         rows[:, 0], rows[:, 1:4], rows[:, 4:] = 1, drag.targets[: len(rows)], drag.point
-    stiffness, radius = _spring(motion.drags[0]) if motion.drags else (1.0, 0.0)
+    stiffness, radius = _spring(motion.drags[0]) if motion.drags else (1.0, 1.0)  # unused
     header = {**(notes or {}), **dict(zip(NEEDED, (stiffness, radius), strict=True)), "frames": motion.frames}
     lines = [f"# {key}: {value}" for key, value in header.items()] + [",".join(("frame", *COLUMNS))]
     lines += [

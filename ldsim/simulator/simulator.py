@@ -122,9 +122,9 @@ class Simulator:
         Raises:
             MotionError: the point is not near the solid, all vertices there are pinned, or a value is not allowed.
         """
-        diagonal = self.scene.mesh.diagonal
-        stiffness = 0.01 * float(self.scene.mu.mean()) * diagonal if stiffness is None else stiffness
-        radius = 0.1 * diagonal if radius is None else radius
+        usual_stiffness, usual_radius = usual_grip(self.scene)
+        stiffness = usual_stiffness if stiffness is None else stiffness
+        radius = usual_radius if radius is None else radius
         if not 0 < stiffness < np.inf or not 0 <= radius < np.inf:
             raise MotionError(
                 f"a grab of stiffness {stiffness:g} N/m and radius {radius:g} m; "
@@ -133,7 +133,7 @@ class Simulator:
         aim = _vector(target, "target", "m")
         drag = Drag(self._number, _vector(point, "point", "m"), aim[None], radius, stiffness, at_rest)
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
-        vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * diagonal)
+        vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * self.scene.mesh.diagonal)
         key, self._next_key = self._next_key, self._next_key + 1
         self._grabs[key] = Grab(vertices, aim, stiffness)
         return Handle(self, key)
@@ -285,6 +285,11 @@ class Simulator:
         if type(saved.state) is not type(self._state):
             raise SolverError(f"the saved state is of another space than {self.space}")
         return self._dynamics.coordinates(saved.state)
+
+
+def usual_grip(scene: Scene) -> tuple[float, float]:
+    """Stiffness, N/m, and radius, m, of a grab where none are given."""
+    return 0.01 * float(scene.mu.mean()) * scene.mesh.diagonal, 0.1 * scene.mesh.diagonal
 
 
 def _vector(value: ArrayLike, name: str, unit: str) -> Array:

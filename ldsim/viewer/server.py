@@ -91,6 +91,7 @@ class Server:
                 process_request=self._answer,
                 max_size=MAX_BYTES,
                 compression=None,
+                ping_interval=None,  # a page that is busy drawing is not gone, and one that is gone closes its socket
                 server_header=None,
             )
         except (OSError, OverflowError) as error:
@@ -221,6 +222,7 @@ def _response(status: int, reason: str, body: bytes, kind: str = "text/plain; ch
             "Connection": "close",
             "Cache-Control": "no-store",
             "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+            "connect-src 'self' ws://127.0.0.1:* ws://localhost:*; "
             "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
             "Referrer-Policy": "no-referrer",
             "X-Content-Type-Options": "nosniff",

@@ -339,6 +339,8 @@ def test_a_model_of_another_scene(experiment: Experiment) -> None:
     with h5py.File(experiment.run / "scene.h5", "r+") as file:
         file["material/mu"][:] *= 2
     assert "scene.h5" in refusal(experiment, "cubature")
+
+
 # The reduced space
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.pulls import random_pulls, spread_directions
-from ldsim.mechanics.recording import read_recording
+from ldsim.mechanics.recording import read_recording, write_recording
 
 HEADER = "# spring_stiffness_n_per_m: 30\n# grab_radius_m: 0.03\n"
 COLUMNS = "frame,is_dragging,target_x,target_y,target_z,grabbed_x,grabbed_y,grabbed_z\n"
@@ -116,3 +117,29 @@ def test_pulls_cover_a_surface_evenly_however_unevenly_its_vertices_lie() -> Non
     points = np.array([drag.point for drag in random_pulls("p", crowded, seed=2, **PULLS | {"count": 30}).drags])
     in_the_crowd = (points[:, :2] < 0.1).all(axis=1).mean()
     assert in_the_crowd < 0.1, "a hundredth of the area holds nine tenths of the vertices"
+
+
+def drag(start: int, frames: int, seed: int = 0, **changes: object) -> Drag:
+    rng = np.random.default_rng(seed)
+    given: dict[str, object] = {"radius": 0.03, "stiffness": 1 / 3} | changes
+    return Drag(start, rng.normal(size=3), rng.normal(size=(frames, 3)), **given)  # type: ignore[arg-type]
+
+
+def test_a_motion_that_is_written_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
+    motion = Motion("m", 12, (drag(1, 3), drag(5, 6, 1)))
+    write_recording(tmp_path / "m.csv", motion, {"recorded_on": "beam.mesh"})
+    back = read_recording(tmp_path / "m.csv", "m")
+    assert back.frames == 12
+    for given, read in zip(motion.drags, back.drags, strict=True):
+        assert (read.start, read.stiffness, read.radius) == (given.start, given.stiffness, given.radius)
+        np.testing.assert_array_equal(read.point, given.point)
+        np.testing.assert_array_equal(read.targets, given.targets)
+
+
+@pytest.mark.parametrize(
+    "second", [drag(3, 2), drag(4, 2), drag(6, 2, radius=0.1), drag(6, 2, stiffness=9.0), drag(6, 2, at_rest=True)]
+)
+def test_a_motion_that_a_row_a_frame_cannot_hold_is_refused(tmp_path: Path, second: Drag) -> None:
+    with pytest.raises(MotionError, match=f"its drag at frame {second.start}"):
+        write_recording(tmp_path / "m.csv", Motion("m", 12, (drag(1, 3), second)))
+    assert not (tmp_path / "m.csv").exists()

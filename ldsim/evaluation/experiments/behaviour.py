@@ -12,8 +12,10 @@ from ldsim.evaluation.experiments.experiment import Bench, Outcome, Relation
 from ldsim.evaluation.experiments.reduced_runs import Material, opened, relative_error
 from ldsim.evaluation.experiments.scenes import bar, catapult, elephant
 from ldsim.evaluation.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
-from ldsim.reduction.cubature.fit import CubatureSet, fit
+from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.cubature.selection import split_poses
 from ldsim.reduction.decoder import Decoder
 from ldsim.threads import one_thread
@@ -65,7 +67,7 @@ def one_cubature_point(bench: Bench) -> Outcome:
 def _single_point(run: Material, decoder: Decoder, z: Array) -> CubatureSet:
     U = np.ascontiguousarray(run.basis.U[:, : decoder.k])
     poses, _ = split_poses(len(z), min(POSES, len(z) - 1), 0, seed=0)
-    return fit(ProjectedForces(run.scene, U, decoder, z[poses]), 1e-6, 1).best
+    return fit(ProjectedForces(run.scene, U, decoder, z[poses]), Goal(1e-6, 1)).best
 
 
 def _reach(run: Material, trajectory: Trajectory) -> Array:

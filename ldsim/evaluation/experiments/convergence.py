@@ -48,7 +48,7 @@ def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
             scene, U, decoder, points, scene.points.weights,
             tolerance=TOLERANCE, max_iterations=most, inertia_in_metric=False,
         )  # fmt: skip
-        return stepper.step(ReducedState(z, z, q, q), [])[1]
+        return stepper.step(ReducedState.moving(z, z, q, q), [])[1]
 
     return solve
 

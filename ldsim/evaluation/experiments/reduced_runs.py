@@ -17,7 +17,7 @@ from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.evaluation.comparison import run_reduced, with_errors
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.pca import Basis, inner_product
 from ldsim.reduction.reconstruction import all_coordinates

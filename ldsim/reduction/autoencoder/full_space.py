@@ -91,7 +91,7 @@ def _fit(
             optimiser.zero_grad(set_to_none=True)
             error = up(model(down(data[batch]))) - data[batch]
             loss = error.square().sum() / len(batch)
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             optimiser.step()
             total += float(loss.detach()) * len(batch)
         losses.append(total / len(data))

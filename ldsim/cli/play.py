@@ -1,0 +1,31 @@
+"""`ldsim play`: pull a finished run in the browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ldsim import __version__
+from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
+from ldsim.viewer.playground import play_server
+
+
+@click.command("play", help="Pull the solid of a finished RUN, such as runs/demo, in the browser.")
+@click.version_option(__version__, "--version", prog_name="ldsim")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--space",
+    "spaces",
+    type=click.Choice(["latent", "linear", "full"]),
+    multiple=True,
+    default=("latent",),
+    show_default=True,
+    help="What to show at first; several stand side by side.",
+)
+@port_option
+@browser_option
+@until_closed_option
+def command(run: Path, spaces: tuple[str, ...], port: int, browser: bool, until_closed: bool) -> None:
+    click.echo("opening the run (the first time compiles the kernels, about a minute)", err=True)
+    serve(play_server(run, spaces, port, until_closed), browser)

@@ -1,0 +1,60 @@
+"""From a run, or a scene, to the server of its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ldsim.errors import LdsimError
+from ldsim.mechanics.scene import Scene
+from ldsim.simulator import SPACES, Simulator, full_simulator, load
+from ldsim.viewer.payload import solid_block
+from ldsim.viewer.recorder import Recorder
+from ldsim.viewer.server import Server
+from ldsim.viewer.session import Session
+
+# The full space of a larger mesh steps too slowly to be pulled by hand.
+FULL_VERTICES = 3000
+
+
+def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool) -> Server:
+    """The page of a finished run, with some spaces side by side at first.
+
+    Raises:
+        ArtefactError: what the spaces need is missing or stale.
+        LdsimError: the full space is asked for on a mesh that is too fine.
+    """
+    first = [load(run, space) for space in dict.fromkeys(spaces)]
+    scene = first[0].scene
+    coarse = scene.mesh.n_vertices <= FULL_VERTICES
+    if "full" in spaces and not coarse:
+        raise LdsimError(
+            f"the full space is asked for on {scene.mesh.n_vertices} vertices; it is shown up to {FULL_VERTICES}, "
+            "choose --space latent or linear"
+        )
+    offered = [space for space in SPACES if space != "full" or coarse]
+    session = Session(lambda space: load(run, space), offered, first)
+    return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
+
+
+def record_server(scene: Scene, title: str, recorder: Recorder, port: int, until_closed: bool) -> Server:
+    """The page of a coarse scene in the full space, where grabs are recorded.
+
+    Raises:
+        LdsimError: the mesh is too fine to be pulled by hand.
+    """
+    if scene.mesh.n_vertices > FULL_VERTICES:
+        raise LdsimError(
+            f"the mesh has {scene.mesh.n_vertices} vertices; up to {FULL_VERTICES} can be recorded on by hand: give a "
+            "coarser mesh of the same solid, with --mesh or --resolution (the motion is replayed on the fine one)"
+        )
+    simulator = full_simulator(scene)
+    session = Session(lambda space: simulator, ["full"], [simulator], recorder)
+    return Server(session, _solid([simulator], title, "record"), port, until_closed)
+
+
+def _solid(simulators: Sequence[Simulator], title: str, mode: str) -> bytes:
+    mesh = simulators[0].scene.mesh
+    subtitle = f"{mesh.n_vertices:,} vertices, {mesh.n_cells:,} {mesh.cell_type}"
+    gravity = simulators[0].scene.gravity.tolist()
+    return solid_block(simulators[0], {"title": title, "subtitle": subtitle, "gravity": gravity, "mode": mode})

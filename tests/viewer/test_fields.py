@@ -1,0 +1,47 @@
+"""Colours: against a slow loop, and in a state of known stress."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.mechanics.materials import energy_stress
+from ldsim.simulator import full_simulator
+from ldsim.viewer.fields import FIELDS, SurfaceField
+from tests.helpers import bent
+from tests.simulator.playable import solid
+
+Array = NDArray[np.float64]
+
+
+def slow(u: Array) -> Array:
+    """Energy and von Mises stress of every quadrature point, (2, s)."""
+    elements = SIMULATOR.scene.elements
+    values = np.empty((2, len(elements.weights)))
+    for s in range(len(elements.weights)):
+        F = np.eye(3) + np.einsum("ai,aj->ij", u[elements.nodes[s]], elements.gradients[s])
+        density, P = energy_stress(elements.kind[s], tuple(F.ravel()), elements.mu[s], elements.lam[s])
+        cauchy = np.reshape(P, (3, 3)) @ F.T / np.linalg.det(F)
+        deviator = cauchy - np.trace(cauchy) / 3 * np.eye(3)
+        values[:, s] = density, np.sqrt(1.5 * np.sum(deviator**2))
+    return values
+
+
+SIMULATOR = full_simulator(solid(1))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_field_is_the_average_by_volume_of_the_points_around_a_vertex(field: str) -> None:
+    u = bent(SIMULATOR.scene.mesh)
+    values, elements = slow(u)[FIELDS.index(field)], SIMULATOR.scene.elements
+    for i, value in enumerate(SurfaceField(SIMULATOR)(field, u, 3.0)):
+        around = (elements.nodes == SIMULATOR.surface.vertices[i]).any(axis=1)
+        expected = 3 * np.average(values[around], weights=elements.weights[around])
+        np.testing.assert_allclose(value, expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_solid_at_rest_has_none(field: str) -> None:
+    u = np.zeros((SIMULATOR.scene.mesh.n_vertices, 3))
+    np.testing.assert_allclose(SurfaceField(SIMULATOR)(field, u, 1.0), 0.0, atol=1e-8)

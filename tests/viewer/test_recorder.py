@@ -1,0 +1,94 @@
+"""Recording by hand: what is written is what was done, and is replayed as it was felt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.dynamics.full import FullState, FullStepper, run
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import GrabTracker
+from ldsim.mechanics.recording import read_recording
+from ldsim.simulator import Simulator, full_simulator
+from ldsim.viewer.recorder import Recorder
+from tests.simulator.playable import solid
+
+Array = NDArray[np.float64]
+
+BODY = solid(1)
+TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
+
+
+def steps(recorder: Recorder, simulator: Simulator, count: int) -> None:
+    for _ in range(count):
+        recorder.prepare(simulator)
+        simulator.step()
+
+
+def record(path: Path) -> tuple[Recorder, Simulator, Array]:
+    """Two pulls, the second without a frame after the first; the displacement at the end."""
+    simulator = full_simulator(BODY)
+    recorder = Recorder(path, 25.0, 0.03, {"recorded_on": "beam"})
+    recorder.record(True)
+    steps(recorder, simulator, 2)
+    for lift in (0.03, -0.02):
+        point = TIP + simulator.displacement()[np.linalg.norm(BODY.mesh.vertices - TIP, axis=1).argmin()]
+        handle = recorder.grab(simulator, point, point)
+        for i in range(4):
+            target = point + np.array([0.0, lift * i / 3, 0.0])
+            handle.move(target)
+            recorder.move(target)
+            steps(recorder, simulator, 1)
+        handle.release()
+        recorder.release()
+    steps(recorder, simulator, 3)
+    u = simulator.displacement()
+    assert "2 pulls" in recorder.record(False)
+    return recorder, simulator, u
+
+
+def test_a_recording_replayed_in_the_full_space_ends_where_the_hand_left_it(tmp_path: Path) -> None:
+    _, _, u = record(tmp_path / "m.csv")
+    motion = read_recording(tmp_path / "m.csv", "m")
+    assert motion.frames == 2 + 4 + 1 + 4 + 3
+    assert [drag.start for drag in motion.drags] == [2, 7]
+    tracker = GrabTracker(motion, BODY.mesh.vertices, BODY.movable)
+    states = run(FullStepper(BODY), tracker, FullState.at_rest(BODY.mesh.n_vertices), range(motion.frames))
+    np.testing.assert_allclose(list(states)[-1][1].u, u, atol=1e-8)
+    assert np.abs(u).max() > 1e-3
+
+
+def test_playing_back_repeats_it_and_ends(tmp_path: Path) -> None:
+    recorder, simulator, u = record(tmp_path / "m.csv")
+    simulator.reset()
+    recorder.replay(True, simulator)
+    steps(recorder, simulator, 14)
+    np.testing.assert_allclose(simulator.displacement(), u, atol=1e-8)
+    assert recorder.replaying
+    steps(recorder, simulator, 1)
+    assert not recorder.replaying and not simulator.grabs
+
+
+def test_a_grab_that_lasts_no_frame_leaves_no_trace(tmp_path: Path) -> None:
+    simulator, recorder = full_simulator(BODY), Recorder(tmp_path / "m.csv", 25.0, 0.03, {})
+    recorder.record(True)
+    recorder.grab(simulator, TIP, TIP).release()
+    recorder.release()
+    steps(recorder, simulator, 2)
+    recorder.record(False)
+    assert read_recording(tmp_path / "m.csv", "m").drags == ()
+
+
+def test_with_nothing_recorded_there_is_nothing_to_play(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="nothing to play back"):
+        Recorder(tmp_path / "m.csv", 25.0, 0.03, {}).replay(True, full_simulator(BODY))
+
+
+def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "nowhere" / "m.csv", 25.0, 0.03, {})
+    recorder.record(True)
+    with pytest.raises(MotionError, match="cannot be written"):
+        recorder.record(False)

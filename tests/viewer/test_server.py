@@ -1,0 +1,261 @@
+"""The server: what it hands out and to whom, and that a page's departure frees it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import struct
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from ldsim.simulator import load
+from ldsim.viewer.payload import FRAME
+from ldsim.viewer.playground import play_server
+from ldsim.viewer.server import Server, ServerError
+from tests.simulator.playable import K, write_playable
+from tests.viewer.served import joined, origin, served
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_playable(folder, resolution=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def url(run: Path) -> Iterator[str]:
+    with served(play_server(run, ["latent"], 0, until_closed=False)) as address:
+        yield address
+
+
+def fetch(url: str, **headers: str) -> bytes:
+    with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=30) as answer:
+        body: bytes = answer.read()
+        return body
+
+
+def status_of(url: str, **headers: str) -> int:
+    try:
+        fetch(url, **headers)
+    except urllib.error.HTTPError as error:
+        return error.code
+    return 200
+
+
+def next_of(page: Any, kind: str) -> dict[str, Any]:
+    """The next text message of a kind."""
+    while True:
+        message = page.recv(timeout=60)
+        if isinstance(message, str) and (content := json.loads(message))["kind"] == kind:
+            return dict(content)
+
+
+def next_frame(page: Any) -> bytes:
+    while True:
+        message = page.recv(timeout=60)
+        if isinstance(message, bytes) and message[0] == FRAME:
+            return message
+
+
+def coordinates(frame: bytes) -> np.ndarray:
+    (count,) = struct.unpack_from("<I", frame, 24)
+    return np.frombuffer(frame, "<f4", count, 48)
+
+
+def block(content: bytes) -> dict[str, Any]:
+    (length,) = struct.unpack_from("<I", content)
+    header: dict[str, Any] = json.loads(content[4 : 4 + length])
+    at = 4 + length
+    for entry in header["arrays"]:
+        values = np.frombuffer(content, np.dtype(entry["type"]), int(np.prod(entry["shape"])), at)
+        header[entry["name"]] = values.reshape(entry["shape"])
+        at += values.nbytes
+    assert at == len(content)
+    return header
+
+
+def test_the_page_and_all_its_files_are_handed_out(url: str) -> None:
+    page = fetch(url).decode()
+    for name in ("app.js", "style.css"):
+        assert f'"{name}"' in page
+        assert len(fetch(url + name)) > 1000
+    assert "three.js authors" in fetch(url + "licences.txt").decode()
+    assert status_of(url + "session.py") == status_of(url + "../server.py") == 404
+
+
+def test_without_the_token_there_is_nothing(url: str) -> None:
+    base = origin(url)
+    for path in ("/", "/app.js", "/solid", "/x/solid", "/" + "a" * 32 + "/", "//", "/%00/"):
+        assert status_of(base + path) == 403
+    with pytest.raises(InvalidStatus, match="403"), joined(f"{base}/wrong/", origin=base):
+        pass
+
+
+@pytest.mark.parametrize("foreign", ["http://example.org", "null", "https://127.0.0.1:1", None])
+def test_a_foreign_page_gets_no_socket(url: str, foreign: str | None) -> None:
+    with pytest.raises(InvalidStatus, match="403"), joined(url, origin=foreign):
+        pass
+
+
+def test_a_name_that_only_points_here_is_refused(url: str) -> None:
+    assert status_of(url, Host="attacker.example") == 403
+    assert status_of(url, Host=f"localhost:{urlsplit(url).port}") == 200
+
+
+def test_only_the_loopback_address_is_listened_on(url: str) -> None:
+    parts = urlsplit(url)
+    assert parts.hostname == "127.0.0.1"
+    with pytest.raises(OSError), socket.create_connection(("127.0.0.2", parts.port or 0), timeout=5):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("message", "code"), [("{", 1008), (b"\x01\x02", 1008), ('{"kind": "step", "x": 1}', 1008), ("x" * 100_000, 1009)]
+)
+def test_a_message_that_the_page_never_sends_ends_the_connection(url: str, message: str | bytes, code: int) -> None:
+    with joined(url) as page:
+        page.send(message)
+        with pytest.raises(ConnectionClosed) as closed:
+            for _ in range(10_000):
+                page.recv(timeout=60)
+    assert closed.value.rcvd is not None and closed.value.rcvd.code == code
+    with joined(url) as another:
+        assert next_frame(another)
+
+
+def test_other_requests_are_refused(url: str) -> None:
+    parts = urlsplit(url)
+    connection = http.client.HTTPConnection(parts.netloc, timeout=30)
+    connection.request("POST", parts.path, body=b"x" * 100)
+    with pytest.raises(http.client.HTTPException):
+        assert connection.getresponse().status >= 400
+        raise http.client.HTTPException
+    connection.close()
+
+
+def test_what_is_decoded_from_the_blocks_is_the_surface_of_the_api(run: Path, url: str) -> None:
+    sim = load(run)
+    solid, space = block(fetch(url + "solid")), block(fetch(url + "space/latent"))
+    np.testing.assert_array_equal(solid["triangles"], sim.surface.triangles)
+    np.testing.assert_array_equal(solid["pinned"], sim.scene.pinned[sim.surface.vertices])
+    sim.step(30)
+    decoded = solid["rest"] + space["basis"] @ sim.coordinates
+    expected = (sim.scene.mesh.vertices + sim.displacement())[sim.surface.vertices]
+    np.testing.assert_allclose(decoded, expected, atol=1e-6)
+    points = space["point_rest"] + space["point_basis"] @ sim.coordinates
+    assert sim.points is not None
+    nodes = sim.scene.points.nodes[sim.points]
+    moved = sim.scene.mesh.vertices + sim.displacement()
+    np.testing.assert_allclose(points, moved[nodes].mean(axis=1), atol=1e-6)
+
+
+def test_a_frame_is_small_and_holds_what_the_api_says(run: Path, url: str) -> None:
+    sim = load(run)
+    tip = sim.surface.rest[sim.surface.rest[:, 0].argmax()]
+    target = (tip + [0, 0.05, 0]).tolist()
+    with joined(url) as page:
+        for message in (
+            {"kind": "pause", "value": True},
+            {"kind": "reset"},
+            {"kind": "gravity", "value": [0, 0, 0]},
+            {"kind": "grab", "id": 7, "point": tip.tolist(), "target": target},
+            *[{"kind": "step"}] * 12,
+            {"kind": "colour", "value": "plain"},
+        ):
+            page.send(json.dumps(message))
+        while next_of(page, "status")["gravity"] != [0, 0, 0]:
+            pass
+        sim.gravity = (0, 0, 0)
+        sim.grab(tip, target, at_rest=True)
+        sim.step(12)
+        end = time.monotonic() + 30
+        while not np.allclose(coordinates(frame := next_frame(page)), sim.coordinates, atol=1e-6):
+            assert time.monotonic() < end
+        assert len(frame) <= 4096
+        assert len(coordinates(frame)) == K and np.abs(sim.coordinates).max() > 1e-3
+        (id,) = struct.unpack_from("<I", frame, 48 + 4 * K)
+        assert id == 7
+        np.testing.assert_allclose(np.frombuffer(frame, "<f4", 3, 52 + 4 * K), target, rtol=1e-6)
+        page.send('{"kind": "gravity", "value": [0, -9.81, 0]}')
+        page.send('{"kind": "pause", "value": false}')
+
+
+def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
+    with joined(url) as page:
+        for message, words in (
+            ({"kind": "grab", "id": 1, "point": [99, 0, 0], "target": [0, 0, 0]}, "hits no vertex"),
+            ({"kind": "spaces", "value": ["fluid"]}, "offered are latent, linear, full"),
+            ({"kind": "colour", "value": "smell"}, "known are plain"),
+            ({"kind": "record", "value": True}, "nothing is recorded here"),
+            ({"kind": "replay", "value": True}, "nothing is played back here"),
+        ):
+            page.send(json.dumps(message))
+            assert words in next_of(page, "notice")["text"]
+        page.send('{"kind": "move", "id": 99, "target": [0, 0, 0]}')
+        page.send('{"kind": "release", "id": 99}')
+        assert next_frame(page)
+
+
+def test_spaces_stand_side_by_side_and_each_has_its_block(url: str) -> None:
+    with joined(url) as page:
+        page.send('{"kind": "spaces", "value": ["latent", "linear", "full"]}')
+        while next_of(page, "status")["spaces"] != ["latent", "linear", "full"]:
+            pass
+        assert [block(fetch(url + f"space/{name}"))["k"] for name in ("latent", "linear", "full")] == [9, 6, 0]
+        while next_frame(page)[1] != 3:
+            pass
+        page.send('{"kind": "spaces", "value": ["latent"]}')
+        while next_of(page, "status")["spaces"] != ["latent"]:
+            pass
+
+
+def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(run: Path) -> None:
+    server = play_server(run, ["latent"], 0, until_closed=False)
+    with served(server) as url:
+        tip = load(run).surface.rest[-1].tolist()
+        with joined(url) as page:
+            page.send(json.dumps({"kind": "grab", "id": 1, "point": tip, "target": [0, 1, 0]}))
+            while next_frame(page)[2] != 1:
+                pass
+        with joined(url) as page:
+            end = time.monotonic() + 30
+            while next_frame(page)[2] != 0:
+                assert time.monotonic() < end
+        session = server._session
+        end = time.monotonic() + 30
+        while session._watched.is_set():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        time.sleep(0.3)
+        number = session._number
+        time.sleep(0.5)
+        assert session._number == number
+
+
+def test_a_server_until_closed_ends_by_itself(run: Path) -> None:
+    server = play_server(run, ["latent"], 0, until_closed=True)
+    with served(server) as url:
+        with joined(url) as page:
+            next_frame(page)
+        end = time.monotonic() + 60
+        while not server._ended.is_set():
+            assert time.monotonic() < end
+            time.sleep(0.1)
+
+
+def test_a_port_in_use_is_told(run: Path, url: str) -> None:
+    port = urlsplit(url).port
+    server: Server = play_server(run, ["latent"], port or 0, until_closed=False)
+    with pytest.raises(ServerError, match=f"port {port}: it is in use; choose another with --port"), served(server):
+        pass
