@@ -16,7 +16,7 @@ from ldsim.mechanics.scene import Scene
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
 
-# A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the solid's weight.
+# A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the weight.
 PULL_RADIUS, PULL_REACH = 0.03, 0.1
 TYPES = {"f8": "F64", "f4": "F32", "i8": "I64", "i4": "I32", "i1": "I8", "u1": "U8"}
 

@@ -56,11 +56,11 @@ class Page {
   // The clock
 
   run() {
-    let last = performance.now();
+    let last = null; // the browser's clock for pictures, which may be behind performance.now()
     const tick = (now) => {
-      const elapsed = Math.min(now - last, 250);
+      const elapsed = Math.min(Math.max(now - (last ?? now), 0), 250);
       last = now;
-      this.pictureMs = this.pictureMs ? 0.95 * this.pictureMs + 0.05 * elapsed : elapsed;
+      this.pictureMs = this.pictureMs ? 0.9 * this.pictureMs + 0.1 * elapsed : elapsed;
       if (!this.paused) this.advance((elapsed / 1000) * this.pace);
       this.show();
       requestAnimationFrame(tick);
@@ -110,8 +110,9 @@ class Page {
     if (now - (this.toldAt ?? 0) > 300) {
       this.toldAt = now;
       const late = this.paused ? "paused" : `${Math.round(100 * (this.real ?? 1) * this.pace)} % of real time`;
+      const rate = this.pictureMs ? `${Math.round(1000 / this.pictureMs)} pictures a second` : "";
       const step = this.stepMs ? `step ${this.stepMs.toFixed(2)} ms, ${this.iterations} iterations` : "no step yet";
-      byId("numbers").textContent = `${step} · ${Math.round(1000 / Math.max(this.pictureMs, 1))} pictures a second · ${late}`;
+      byId("numbers").textContent = `${step} · ${rate} · ${late}`;
     }
   }
 
