@@ -1,6 +1,7 @@
 // The page: a clock that steps the solid, pointers that pull it, and the controls.
 
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
+const PATIENCE = 20; // steps that may be lost before the page starts again
 const SPACE_WORDS = { latent: "Latent", linear: "Linear" };
 
 function start(about, packed) {
@@ -85,11 +86,11 @@ class Page {
 
   stepOnce() {
     const before = performance.now();
-    const { converged, iterations } = this.stepper.step();
-    this.stepMs = this.stepMs ? 0.97 * this.stepMs + 0.03 * (performance.now() - before) : performance.now() - before;
+    const { lost, iterations } = this.stepper.step();
+    this.stepMs = this.stepMs ? 0.9 * this.stepMs + 0.1 * (performance.now() - before) : performance.now() - before;
     this.iterations = iterations;
-    this.failures = converged ? 0 : this.failures + 1;
-    if (this.failures > 20 || !this.stepper.q.every(Number.isFinite)) {
+    this.failures = lost ? this.failures + 1 : 0;
+    if (this.failures > PATIENCE || !this.stepper.q.every(Number.isFinite)) {
       this.reset();
       tell("The pull turned a part of the solid inside out. It starts again from rest.");
       setTimeout(() => tell(""), 4000);
