@@ -60,13 +60,13 @@ def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
         "mass": reduced_mass(scene, U),
         "rest_stiffness": reduced_rest_stiffness(scene, U),
         "unit_loads": unit_loads(scene, U),
+        "load": U.T @ scene.force(np.zeros(3)).ravel(),
     }
 
 
 def unit_loads(scene: Scene, U: Array) -> Array:
-    """Uᵀ f of a gravity of 1 m/s² along each axis, (3, k) float64; f_ext = g · these."""
-    mass = np.where(scene.pinned, 0.0, scene.mass.sum(axis=1))
-    loads: Array = np.einsum("n,nak->ak", mass, U.reshape(len(mass), 3, -1))
+    """Uᵀ f of a gravity of 1 m/s² along each axis, (3, k) float64; Uᵀ f_ext is their sum times g, and the dead load."""
+    loads: Array = np.einsum("n,nak->ak", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))
     return loads
 
 
