@@ -16,7 +16,7 @@ from ldsim.mechanics.scene import Scene
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
 
-# A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the solid's weight.
+# A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the weight.
 PULL_RADIUS, PULL_REACH = 0.03, 0.1
 TYPES = {"f8": "F64", "f4": "F32", "i8": "I64", "i4": "I32", "i1": "I8", "u1": "U8"}
 
@@ -60,13 +60,13 @@ def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
         "mass": reduced_mass(scene, U),
         "rest_stiffness": reduced_rest_stiffness(scene, U),
         "unit_loads": unit_loads(scene, U),
+        "load": U.T @ scene.force(np.zeros(3)).ravel(),
     }
 
 
 def unit_loads(scene: Scene, U: Array) -> Array:
-    """Uᵀ f of a gravity of 1 m/s² along each axis, (3, k) float64; f_ext = g · these."""
-    mass = np.where(scene.pinned, 0.0, scene.mass.sum(axis=1))
-    loads: Array = np.einsum("n,nak->ak", mass, U.reshape(len(mass), 3, -1))
+    """Uᵀ f of a gravity of 1 m/s² along each axis, (3, k) float64; Uᵀ f_ext is their sum times g, and the dead load."""
+    loads: Array = np.einsum("n,nak->ak", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))
     return loads
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ldsim.artefacts.records import StoredModel, read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
-from ldsim.artefacts.store import check_inputs
+from ldsim.artefacts.store import Header, check_inputs
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
@@ -124,36 +124,49 @@ class Source:
         """The file of an artefact."""
         return self.folder / f"{kind}.h5"
 
-    @cached_property
-    def scene(self) -> Scene:
-        return read_scene(self.path("scene"))[0]
+    def _check(self, header: Header, *inputs: str) -> None:
+        """Refuse an artefact that was made from other files than those beside it, or for another experiment."""
+        path = self.path(header.kind)
+        check_inputs(path, header, {name: self.path(name) for name in inputs})
+        experiment = header.notes.get("experiment")
+        if experiment != self.experiment:
+            raise ExportError(f"{path} belongs to the experiment {experiment!r}, expected {self.experiment!r}")
 
     @cached_property
+    def _read_scene(self) -> tuple[Scene, Header]:
+        return read_scene(self.path("scene"))
+
+    @property
+    def scene(self) -> Scene:
+        return self._read_scene[0]
+
+    @property
     def experiment(self) -> str:
-        return str(read_scene(self.path("scene"))[1].notes.get("experiment", self.folder.name))
+        return str(self._read_scene[1].notes.get("experiment"))
 
     @cached_property
     def basis(self) -> Array:
-        return read_basis(self.path("basis"))[0].basis.U
+        stored, header = read_basis(self.path("basis"))
+        self._check(header, "scene")
+        return stored.basis.U
 
     @cached_property
     def model(self) -> StoredModel:
         model, header = read_model(self.path("model"))
-        check_inputs(self.path("model"), header, {"basis": self.path("basis")})
+        self._check(header, "basis")
         return model
 
     @cached_property
     def runs(self) -> dict[str, dict[str, Trajectory]]:
         runs, header = read_simulation(self.path("simulation"))
-        check_inputs(self.path("simulation"), header, {name: self.path(name) for name in ("scene", "basis")})
+        self._check(header, "scene", "basis")
         return runs
 
     @cached_property
     def spaces(self) -> dict[str, ReducedSpace]:
         """The reduced spaces by name, as `ldsim simulate` runs them."""
         cubature, header = read_cubature(self.path("cubature"))
-        inputs = {name: self.path(name) for name in ("scene", "basis", "model")}
-        check_inputs(self.path("cubature"), header, inputs)
+        self._check(header, "scene", "basis", "model")
         narrow = np.ascontiguousarray(self.basis[:, : self.model.kp])
         return {
             "latent": ReducedSpace(self.basis, self.model.decoder, cubature["latent"].best),
@@ -169,6 +182,7 @@ class Source:
     def motions(self) -> list[str]:
         """Motions in the order of the configuration."""
         with Snapshots(self.path("snapshots")) as snapshots:
+            self._check(snapshots.header, "scene")
             return snapshots.names
 
     def playback(self, motion: str | None, space: str) -> Playback:
@@ -201,7 +215,6 @@ class Source:
                 return np.asarray(snapshots.reader(motion)(frame, frame + 1)[0], dtype=np.float64)
 
         with Snapshots(self.path("snapshots")) as snapshots:
-            check_inputs(self.path("snapshots"), snapshots.header, {"scene": self.path("scene")})
             frames = snapshots.frames(motion)
         return Playback(motion, "full", self.scene, self.scene.time_step, frames, read)
 

@@ -14,7 +14,7 @@ from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.export.playground import write_playground
 from ldsim.export.source import Source, surface_of
 from ldsim.mechanics.motion import Grab
-from tests.export.chromium import CHROMIUM, Browser, browser
+from tests.viewer.browser import CHROMIUM, Tab, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
@@ -47,26 +47,33 @@ def page(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browser(tmp_path_factory.mktemp("profile")) as some:
+def tab() -> Iterator[Tab]:
+    with chromium() as some:
         yield some
 
 
+def show(tab: Tab, page: Path, width: int = 1000, height: int = 700) -> Tab:
+    """The page, loaded from disk and stepping."""
+    tab.complaints.clear()
+    tab.requests.clear()
+    tab.size(width, height)
+    tab.open(page.resolve().as_uri())
+    tab.wait("document.readyState === 'complete' && window.playground && playground.iterations !== undefined")
+    return tab
+
+
 @pytest.fixture
-def opened(chromium: Browser, page: Path) -> Browser:
-    chromium.errors.clear()
-    chromium.requests.clear()
-    chromium.open(page, ready="window.playground && playground.iterations !== undefined")
-    return chromium
+def opened(tab: Tab, page: Path) -> Tab:
+    return show(tab, page)
 
 
-def pull(opened: Browser) -> dict[str, Any]:
+def pull(opened: Tab) -> dict[str, Any]:
     """Rest, then a pull with the mouse while the clock stands; the pull as the page has it."""
     opened.evaluate("playground.pause(true); playground.reset()")
     x, y = opened.evaluate(FIND_PLACE)
-    opened.pointer("mousePressed", x, y)
+    opened.mouse("mousePressed", (x, y))
     for step in range(1, 6):
-        opened.pointer("mouseMoved", x + 4 * step, y - 14 * step)
+        opened.mouse("mouseMoved", (x + 4 * step, y - 14 * step))
     state = opened.evaluate(
         "JSON.stringify([...playground.pulls.values()].map(({ held, spring }) => "
         "({ held, target: Array.from(spring.target), stiffness: spring.stiffness })))"
@@ -76,20 +83,20 @@ def pull(opened: Browser) -> dict[str, Any]:
     return found
 
 
-def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened: Browser, page: Path) -> None:
-    opened.until("playground.stepper.q.some((q) => q !== 0)")
-    assert opened.errors == []
+def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened: Tab, page: Path) -> None:
+    opened.wait("playground.stepper.q.some((q) => q !== 0)")
+    assert opened.complaints == []
     assert set(opened.requests) == {page.resolve().as_uri()}
     assert "iterations" in opened.evaluate("document.getElementById('numbers').textContent")
 
 
 @pytest.mark.parametrize("space", ["latent", "linear"])
-def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Browser, source: Source, space: str) -> None:
+def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, source: Source, space: str) -> None:
     opened.evaluate(f"playground.choose({space!r})")
     held = pull(opened)
     opened.evaluate(f"for (let i = 0; i < {STEPS}; i++) playground.stepOnce(); playground.decode()")
     seen = np.array(opened.evaluate("Array.from(playground.solid.positions)")).reshape(-1, 3)
-    opened.pointer("mouseReleased", 0, 0)
+    opened.mouse("mouseReleased", (0, 0))
     some, body = source.spaces[space], source.scene
     stepper = ReducedStepper(body, some.U, some.decoder, some.cubature.points, some.cubature.weights, tolerance=1e-9)
     state = ReducedState.at_rest(some.decoder)
@@ -100,21 +107,30 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Browser,
     surface = surface_of(body.mesh)
     assert np.abs(u).max() > 0.01 * body.mesh.diagonal
     np.testing.assert_allclose(seen, (body.mesh.vertices + u)[surface.vertices], atol=1e-6 * body.mesh.diagonal)
-    assert opened.errors == []
+    assert opened.complaints == []
 
 
-def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(opened: Browser) -> None:
+def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(opened: Tab) -> None:
     before = opened.evaluate("playground.view.azimuth")
-    opened.pointer("mousePressed", 30, 120)
-    opened.pointer("mouseMoved", 90, 120)
+    opened.mouse("mousePressed", (30, 120))
+    opened.mouse("mouseMoved", (90, 120))
     assert opened.evaluate("playground.pulls.size") == 0
-    opened.pointer("mouseReleased", 90, 120)
+    opened.mouse("mouseReleased", (90, 120))
     assert opened.evaluate("playground.view.azimuth") == pytest.approx(before - 24)
 
 
-def test_releasing_gravity_and_stiffness_act_on_the_next_step(opened: Browser) -> None:
+def test_two_fingers_on_the_solid_are_two_pulls(opened: Tab) -> None:
+    opened.evaluate("playground.pause(true); playground.reset()")
+    x, y = opened.evaluate(FIND_PLACE)
+    opened.touch("touchStart", [(x, y), (x - 3, y + 3)])
+    assert opened.evaluate("playground.stepper.potential.springs.length") == 2
+    opened.touch("touchEnd", [])
+    assert opened.evaluate("playground.stepper.potential.springs.length") == 0
+
+
+def test_releasing_gravity_and_stiffness_act_on_the_next_step(opened: Tab) -> None:
     pull(opened)
-    opened.pointer("mouseReleased", 0, 0)
+    opened.mouse("mouseReleased", (0, 0))
     assert opened.evaluate("playground.stepper.potential.springs.length") == 0
     opened.evaluate("document.getElementById('gravity').click()")
     opened.evaluate("playground.reset(); playground.stepOnce()")
@@ -123,7 +139,7 @@ def test_releasing_gravity_and_stiffness_act_on_the_next_step(opened: Browser) -
     assert opened.evaluate("playground.stepper.potential.stiffer") == 2
 
 
-def test_pause_stops_the_clock_and_step_makes_one_step(opened: Browser) -> None:
+def test_pause_stops_the_clock_and_step_makes_one_step(opened: Tab) -> None:
     opened.evaluate("playground.steps = 0; playground.stepOnce = () => { playground.steps++; }")
     opened.evaluate("playground.pause(true); playground.steps = 0")
     assert opened.evaluate("new Promise((done) => setTimeout(() => done(playground.steps), 200))") == 0
@@ -132,9 +148,8 @@ def test_pause_stops_the_clock_and_step_makes_one_step(opened: Browser) -> None:
 
 
 @pytest.mark.parametrize("width", [360, 1400])
-def test_the_controls_fit_the_width_and_leave_room_for_the_solid(chromium: Browser, page: Path, width: int) -> None:
-    chromium.open(page, width, 740, ready="window.playground", mobile=width < 500)
-    box = chromium.evaluate(
+def test_the_controls_fit_the_width_and_leave_room_for_the_solid(tab: Tab, page: Path, width: int) -> None:
+    box = show(tab, page, width, 740).evaluate(
         "(({ left, right, top }) => [left, right, top])(document.getElementById('controls').getBoundingClientRect())"
     )
     assert box[0] >= 0
@@ -142,10 +157,10 @@ def test_the_controls_fit_the_width_and_leave_room_for_the_solid(chromium: Brows
     assert box[2] > 0.6 * 740
 
 
-def test_the_page_says_what_is_missing_without_webgl(chromium: Browser, page: Path, tmp_path: Path) -> None:
+def test_the_page_says_what_is_missing_without_webgl(tab: Tab, page: Path, tmp_path: Path) -> None:
     without = tmp_path / "without.html"
     text = page.read_text(encoding="utf-8")
     without.write_text(text.replace('getContext("webgl2"', 'getContext("webgl-none"'), encoding="utf-8")
-    chromium.open(without)
-    chromium.until("!document.getElementById('message').hidden")
-    assert "needs WebGL 2" in chromium.evaluate("document.getElementById('message').textContent")
+    tab.open(without.resolve().as_uri())
+    tab.wait("document.getElementById('message')?.hidden === false")
+    assert "needs WebGL 2" in tab.evaluate("document.getElementById('message').textContent")

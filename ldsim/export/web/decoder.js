@@ -1,9 +1,10 @@
-// The decoder φ(z) = N(z) − N(0) + A z and its derivatives, ported from ldsim/reduction/decoder.py.
+// The decoder φ(z) = N(z) − N(0) + A z, its skip kept as Aᵀ, and its derivatives, ported from ldsim/reduction/decoder.py.
 
 const ACTIVATIONS = [
   { value: (x) => (x > 0 ? x : Math.expm1(x)), slope: (y) => (y > 0 ? 1 : y + 1) },
   { value: (x) => Math.max(x, 0), slope: (y) => (y > 0 ? 1 : 0) },
   { value: Math.tanh, slope: (y) => 1 - y * y },
+  { value: (x) => 0.5 + 0.5 * Math.tanh(0.5 * x), slope: (y) => y * (1 - y) },
 ];
 
 class Decoder {
@@ -52,8 +53,7 @@ class Decoder {
     }
     for (let i = 0; i < q.length; i++) q[i] = input[i] - this.rest[i];
     if (this.skip.length) {
-      const r = z.length;
-      for (let i = 0; i < q.length; i++) for (let j = 0; j < r; j++) q[i] += this.skip[i * r + j] * z[j];
+      for (let j = 0, w = 0; j < z.length; j++) for (let i = 0; i < q.length; i++) q[i] += this.skip[w++] * z[j];
     }
   }
 
@@ -75,8 +75,9 @@ class Decoder {
       incoming = back;
     }
     gradient.set(incoming);
-    const r = gradient.length;
-    if (this.skip.length) for (let i = 0; i < v.length; i++) for (let j = 0; j < r; j++) gradient[j] += this.skip[i * r + j] * v[i];
+    if (this.skip.length) {
+      for (let j = 0, w = 0; j < gradient.length; j++) for (let i = 0; i < v.length; i++) gradient[j] += this.skip[w++] * v[i];
+    }
   }
 
   /** jacobian (r, k) = J(z)ᵀ at the z last decoded, one tangent a row. */
@@ -102,7 +103,7 @@ class Decoder {
         if (!last) for (let j = 0; j < columns; j++) tangent[j] *= slope(out[j]);
         source = tangent;
       }
-      for (let j = 0; j < k; j++) jacobian[a * k + j] = source[j] + (this.skip.length ? this.skip[j * r + a] : 0);
+      for (let j = 0; j < k; j++) jacobian[a * k + j] = source[j] + (this.skip.length ? this.skip[a * k + j] : 0);
     }
   }
 }

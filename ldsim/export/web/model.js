@@ -25,7 +25,7 @@ function spaceOf(arrays, name) {
     r: sizes[0],
     k: sizes[sizes.length - 1],
     decoder: new Decoder(sizes, part("weights"), part("biases"), part("rest"), part("skip"), part("activation")[0]),
-    strainMaps: part("strain_maps"),
+    strainMaps: part("strain_maps"), // (c, 9, k)
     weights: part("cubature_weights"),
     material: part("material"),
     mu: part("mu"),
@@ -33,6 +33,7 @@ function spaceOf(arrays, name) {
     mass: part("mass"),
     restStiffness: part("rest_stiffness"),
     unitLoads: part("unit_loads"),
+    load: part("load"),
     points: part("cubature_weights").length,
   };
 }

@@ -1,6 +1,7 @@
 // The page: a clock that steps the solid, pointers that pull it, and the controls.
 
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
+const PATIENCE = 20; // steps that may be lost before the page starts again
 const SPACE_WORDS = { latent: "Latent", linear: "Linear" };
 
 function start(about, packed) {
@@ -56,11 +57,11 @@ class Page {
   // The clock
 
   run() {
-    let last = performance.now();
+    let last = null; // the browser's clock for pictures, which may be behind performance.now()
     const tick = (now) => {
-      const elapsed = Math.min(now - last, 250);
+      const elapsed = Math.min(Math.max(now - (last ?? now), 0), 250);
       last = now;
-      this.pictureMs = this.pictureMs ? 0.95 * this.pictureMs + 0.05 * elapsed : elapsed;
+      this.pictureMs = this.pictureMs ? 0.9 * this.pictureMs + 0.1 * elapsed : elapsed;
       if (!this.paused) this.advance((elapsed / 1000) * this.pace);
       this.show();
       requestAnimationFrame(tick);
@@ -85,11 +86,11 @@ class Page {
 
   stepOnce() {
     const before = performance.now();
-    const { converged, iterations } = this.stepper.step();
-    this.stepMs = this.stepMs ? 0.97 * this.stepMs + 0.03 * (performance.now() - before) : performance.now() - before;
+    const { lost, iterations } = this.stepper.step();
+    this.stepMs = this.stepMs ? 0.9 * this.stepMs + 0.1 * (performance.now() - before) : performance.now() - before;
     this.iterations = iterations;
-    this.failures = converged ? 0 : this.failures + 1;
-    if (this.failures > 20 || !this.stepper.q.every(Number.isFinite)) {
+    this.failures = lost ? this.failures + 1 : 0;
+    if (this.failures > PATIENCE || !this.stepper.q.every(Number.isFinite)) {
       this.reset();
       tell("The pull turned a part of the solid inside out. It starts again from rest.");
       setTimeout(() => tell(""), 4000);
@@ -110,8 +111,9 @@ class Page {
     if (now - (this.toldAt ?? 0) > 300) {
       this.toldAt = now;
       const late = this.paused ? "paused" : `${Math.round(100 * (this.real ?? 1) * this.pace)} % of real time`;
+      const rate = this.pictureMs ? `${Math.round(1000 / this.pictureMs)} pictures a second` : "";
       const step = this.stepMs ? `step ${this.stepMs.toFixed(2)} ms, ${this.iterations} iterations` : "no step yet";
-      byId("numbers").textContent = `${step} · ${Math.round(1000 / Math.max(this.pictureMs, 1))} pictures a second · ${late}`;
+      byId("numbers").textContent = `${step} · ${rate} · ${late}`;
     }
   }
 

@@ -24,16 +24,16 @@ class Potential {
     this.jacobian = new Float64Array(r * k);
     this.directions = Array.from({ length: r }, () => new Float64Array(9 * points));
     this.stressed = Array.from({ length: r }, () => new Float64Array(9 * points));
-    this.rows = (matrix, columns) => Array.from({ length: k }, (_, i) => matrix.subarray(i * columns, (i + 1) * columns));
-    this.G = this.rows(space.strainMaps, 9 * points);
-    this.inertia = this.rows(space.mass.map((m) => m / (h * h)), k);
+    // one row of all points for each of the k columns, so that loops run along memory
+    this.G = Array.from({ length: k }, (_, j) => Float64Array.from({ length: 9 * points }, (_, i) => space.strainMaps[i * k + j]));
+    this.inertia = Array.from({ length: k }, (_, i) => space.mass.slice(i * k, (i + 1) * k).map((m) => m / (h * h)));
   }
 
-  /** Weight of the solid under gravity (3), m/s². */
+  /** The dead load and the weight of the solid under gravity (3), m/s². */
   setGravity(gravity) {
     const k = this.space.k;
     for (let j = 0; j < k; j++) {
-      this.load[j] = 0;
+      this.load[j] = this.space.load[j];
       for (let axis = 0; axis < 3; axis++) this.load[j] += gravity[axis] * this.space.unitLoads[axis * k + j];
     }
   }

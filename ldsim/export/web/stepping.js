@@ -113,7 +113,7 @@ class Stepper {
     this.excess = 0;
   }
 
-  /** One step of implicit Euler; returns { iterations, evaluations, converged }. */
+  /** One step of implicit Euler; `lost` where even the last state has infinite energy, and z is kept. */
   step() {
     const { potential, space, z, zPrevious, q, qPrevious, zNew } = this;
     for (let j = 0; j < space.k; j++) potential.predictor[j] = 2 * q[j] - qPrevious[j];
@@ -143,7 +143,7 @@ class Stepper {
       f = potential.valueGradient(z, this.g);
       evaluations++;
     }
-    if (!(f < Infinity)) return { iterations: 0, evaluations, converged: false };
+    if (!(f < Infinity)) return { iterations: 0, evaluations, converged: false, lost: true };
     this.memory.clear();
     for (let iteration = 0; iteration < this.maxIterations; iteration++) {
       const norm = Math.sqrt(inner(this.g, this.g));

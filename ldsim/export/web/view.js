@@ -33,7 +33,7 @@ void main() {
   vec3 base = mix(clay, pin, tint);
   colour = vec4(base * (0.42 + 0.24 * sky + 0.56 * key) + gleam + rim * sky, 1.0);
 }`;
-const LAMP = normalised([-0.38, 0.62, 0.68]);
+const LAMP = normalised([-0.3, 0.72, 0.62]);
 
 class View {
   /** up: the rotation (9, row by row) that turns the model's up to y. */
