@@ -1,4 +1,4 @@
-"""The folder of compiled kernels changes with any source file."""
+"""The folder of compiled kernels changes with any source file that a kernel may call."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def package(tmp_path: Path) -> Path:
 
 
 def test_the_state_is_the_same_while_nothing_changes(package: Path) -> None:
-    assert source_state(package) == source_state(package)
+    assert source_state([package]) == source_state([package])
 
 
 def test_a_change_in_any_file_changes_the_state(package: Path) -> None:
-    before = source_state(package)
+    before = source_state([package])
     (package / "inner" / "b.py").write_text("y = 22\n")
-    assert source_state(package) != before
+    assert source_state([package]) != before
 
 
 def test_numba_is_pointed_to_that_folder_unless_told_otherwise(tmp_path: Path) -> None:
