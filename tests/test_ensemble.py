@@ -26,7 +26,7 @@ from ldsim.artefacts.snapshots import Lease, Snapshots
 from ldsim.ensemble import SolverOptions, run_motion, run_motions
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
-from tests.cli.experiments import TINY
+from tests.cli.experiments import TINY, Experiment
 
 WAIT = 60.0
 FRAMES = 800
@@ -137,6 +137,15 @@ def test_a_killed_run_goes_on_where_it_was_and_ends_as_an_undisturbed_one(
             assert np.array_equal(a.seconds[: len(reached[name])], reached[name])
 
 
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene of a few dozen cells."""
+    experiment = Experiment(tmp_path_factory.mktemp("scene"))
+    experiment.configure(TINY)
+    assert experiment.invoke("mesh").exit_code == 0
+    return experiment.run / "scene.h5"
+
+
 def still(name: str, frames: int) -> Motion:
     """A motion without a grab: the solid sags and swings."""
     return Motion(name, frames, ())
@@ -152,8 +161,7 @@ def frames_of(path: Path) -> int:
         return len(file["seconds"])
 
 
-def test_motions_that_share_a_scene_do_not_share_anything_else(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_motions_that_share_a_scene_do_not_share_anything_else(scene: Path, tmp_path: Path) -> None:
     for folder, names in (("alone", ["m"]), ("beside", ["l", "m", "n"])):
         motions = [still(name, 10) for name in names]
         run_motions(scene, tmp_path / folder, motions, SOLVER, 2, lambda *_: None)
@@ -161,8 +169,7 @@ def test_motions_that_share_a_scene_do_not_share_anything_else(config: Path, tmp
     assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "l.frames").read_bytes()
 
 
-def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(scene: Path, tmp_path: Path) -> None:
     motions = [still("good", 10), far_off("bad")]
     with pytest.raises(MotionError, match="hits no vertex"):
         run_motions(scene, tmp_path, motions, SOLVER, 1, lambda *_: None)
@@ -172,8 +179,7 @@ def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(confi
 @pytest.mark.parametrize(
     "options", [SolverOptions(1e-5, 25, 500), SolverOptions(1e-6, 20, 500)], ids=["tolerance", "cost of a factor"]
 )
-def test_other_settings_start_anew(config: Path, tmp_path: Path, options: SolverOptions) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_other_settings_start_anew(scene: Path, tmp_path: Path, options: SolverOptions) -> None:
     run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)
     first = seconds_so_far(tmp_path, "m")
     run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)
@@ -182,8 +188,7 @@ def test_other_settings_start_anew(config: Path, tmp_path: Path, options: Solver
     assert not np.array_equal(seconds_so_far(tmp_path, "m"), first)
 
 
-def test_progress_ends_with_all_frames_and_nothing_unfinished(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_progress_ends_with_all_frames_and_nothing_unfinished(scene: Path, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     motions = [still("m", 6), still("n", 4)]
     run_motions(scene, tmp_path, motions, SOLVER, 1, lambda *call: calls.append(call))
@@ -196,9 +201,8 @@ def workers() -> list[psutil.Process]:
     return [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
 
 
-def test_a_worker_that_is_killed_costs_nothing_but_the_frame_it_was_at(config: Path, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_costs_nothing_but_the_frame_it_was_at(scene: Path, tmp_path: Path) -> None:
     """The frames are those of an undisturbed run, and the worker that took over went on where the first one was."""
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
     run_motions(scene, tmp_path / "undisturbed", [still("m", 400)], SOLVER, 1, lambda *_: None)
     others, reached = set(workers()), list[NDArray[np.float64]]()
 
@@ -224,8 +228,7 @@ def cluster() -> Iterator[LocalCluster]:
         yield cluster
 
 
-def test_an_existing_cluster_makes_the_same_frames(config: Path, tmp_path: Path, cluster: LocalCluster) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_an_existing_cluster_makes_the_same_frames(scene: Path, tmp_path: Path, cluster: LocalCluster) -> None:
     motions = [still("m", 10), still("n", 6)]
     run_motions(scene, tmp_path / "here", motions, SOLVER, 2, lambda *_: None)
     run_motions(scene, tmp_path / "there", motions, SOLVER, 2, lambda *_: None, cluster.scheduler_address)
@@ -234,15 +237,13 @@ def test_an_existing_cluster_makes_the_same_frames(config: Path, tmp_path: Path,
     assert not (tmp_path / "there" / "lease").exists()
 
 
-def test_a_worker_that_does_not_share_the_folder_is_told(config: Path, tmp_path: Path, cluster: LocalCluster) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_a_worker_that_does_not_share_the_folder_is_told(scene: Path, tmp_path: Path, cluster: LocalCluster) -> None:
     elsewhere = Lease(tmp_path / "elsewhere", "token")
     with Client(cluster) as client, pytest.raises(SolverError, match=f"does not see {elsewhere.folder} as it is here"):
         client.submit(run_motion, scene, elsewhere, still("m", 5), SOLVER).result()
 
 
-def test_a_run_that_another_one_took_over_stops_after_its_frame(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_a_run_that_another_one_took_over_stops_after_its_frame(scene: Path, tmp_path: Path) -> None:
     lease = Lease.taken(tmp_path)
     endless = still("m", 1_000_000)
     with ThreadPoolExecutor(1) as pool:
@@ -256,8 +257,7 @@ def test_a_run_that_another_one_took_over_stops_after_its_frame(config: Path, tm
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://127.0.0.1:1", "127.0.0.1"])
-def test_a_scheduler_that_cannot_be_reached_is_told_in_one_line(config: Path, tmp_path: Path, address: str) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_a_scheduler_that_cannot_be_reached_is_told_in_one_line(scene: Path, tmp_path: Path, address: str) -> None:
     with pytest.raises(SolverError, match="no Dask scheduler answers at") as refusal:
         run_motions(scene, tmp_path, [still("m", 3)], SOLVER, 1, lambda *_: None, address)
     assert "\n" not in str(refusal.value) and address in str(refusal.value)
