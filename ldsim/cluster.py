@@ -47,7 +47,7 @@ def executor(workers: int, scheduler: str | None) -> Iterator[Executor]:
         if scheduler is not None:
             client = stack.enter_context(_client(scheduler))
         else:
-            client = stack.enter_context(Client(stack.enter_context(_local(workers))))
+            client = stack.enter_context(Client(stack.enter_context(local_cluster(workers))))
             client.register_plugin(LeaveInterruptsToTheParent())
         pool: Executor = client.get_executor(pure=False)
         yield pool
@@ -74,7 +74,7 @@ def result(future: Future[None]) -> None:
         ) from error
 
 
-def _local(workers: int) -> LocalCluster:
+def local_cluster(workers: int) -> LocalCluster:
     """Processes of one thread each, that are never restarted for their memory and end when this process does."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Lease, Snapshots
+from ldsim.cluster import local_cluster
 from ldsim.ensemble import SolverOptions, run_motion, run_motions
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
@@ -222,9 +223,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_the_frame_it_was_at(scene: Pa
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
     """A cluster that somebody else started."""
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, memory_limit=None, silence_logs=50
-    ) as cluster:
+    with local_cluster(1) as cluster:
         yield cluster
 
 
