@@ -1,31 +1,27 @@
 """Full-space runs of many motions, side by side, each resumable at the frame it had reached.
 
-Motions are independent, so each runs in a process of its own with one thread. A run appends its frames to a file and
-replaces a checkpoint after each; whoever is interrupted continues from there and repeats an undisturbed run exactly,
-because the checkpoint holds all that the next step depends on.
+Motions are independent, so each is a task of a Dask cluster, run with one thread. A task appends its frames to a file
+and replaces a checkpoint after each. Whoever is interrupted, or takes over from a worker that died, goes on from there
+and repeats an undisturbed run exactly, because the checkpoint holds all that the next step depends on.
 """
 
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-import os
-import signal
-import threading
+import socket
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import Checkpoint, MotionStore, motion_arrays
+from ldsim.artefacts.snapshots import Checkpoint, Lease, MotionStore, motion_arrays
 from ldsim.artefacts.store import file_hash
+from ldsim.cluster import executor, result
 from ldsim.dynamics.full import FullState, FullStepper, run
 from ldsim.errors import SolverError
 from ldsim.mechanics.motion import GrabTracker, Motion
@@ -66,63 +62,53 @@ def run_motions(
     options: SolverOptions,
     workers: int,
     progress: Callable[[int, int], None],
+    scheduler: str | None = None,
 ) -> None:
     """Run every motion to its end, continuing what an earlier call had begun.
 
     Args:
         folder: where the partial files lie.
+        workers: processes on this machine, where no scheduler is given.
         progress: called now and then with the frames done and the motions still to finish.
+        scheduler: address of a Dask scheduler whose workers see the files at the same paths.
 
     Raises:
-        LdsimError: of the first motion that failed; the others stop too, and the frames of all are kept.
+        LdsimError: of the first motion that failed, or the scheduler cannot be reached; the others stop too, and the
+            frames of all are kept.
     """
+    scene_path, folder = scene_path.resolve(), folder.resolve()
     n_vertices = read_scene(scene_path)[0].mesh.n_vertices
     stores = [MotionStore(folder, motion) for motion in motions]
-    context = multiprocessing.get_context("spawn")
     longest_first = sorted(motions, key=lambda motion: -motion.frames)
-    parent_end, worker_end = context.Pipe()
-    pool = ProcessPoolExecutor(
-        min(workers, len(motions)), mp_context=context, initializer=_stop_with_parent, initargs=(worker_end,)
-    )
-    try:
-        pending: set[Future[None]] = {
-            pool.submit(run_motion, scene_path, folder, motion, options) for motion in longest_first
-        }
-        while pending:
-            done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-            progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(pending))
-            for future in done:
-                future.result()
-    except BrokenProcessPool as error:
-        raise SolverError(
-            "a worker process died (out of memory?); finished frames are kept — run again to continue, with a smaller "
-            "snapshot.workers if memory is short"
-        ) from error
-    finally:
-        parent_end.close()
-        worker_end.close()
-        pool.shutdown(wait=True, cancel_futures=True)
+    with executor(min(workers, len(motions)), scheduler) as pool:
+        lease = Lease.taken(folder)
+        try:
+            pending: set[Future[None]] = {
+                pool.submit(run_motion, scene_path, lease, motion, options) for motion in longest_first
+            }
+            while pending:
+                done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(pending))
+                for future in done:
+                    result(future)
+        finally:
+            lease.given_back()
 
 
-def _stop_with_parent(worker_end: Connection) -> None:
-    """End this worker, at any point, as soon as the parent closes its end of the pipe or dies in whatever way.
+def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOptions) -> None:
+    """Run one motion from rest or from its checkpoint to its end, in the process of a worker.
 
-    A worker that outlived a killed parent would go on writing to the frames that the next run continues.
+    Raises:
+        SolverError: the worker does not see the folder of the run, or another run took it over.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        worker_end.poll(None)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOptions) -> None:
-    """Run one motion from rest or from its checkpoint to its end."""
+    if not lease.holds():
+        raise SolverError(
+            f"the worker on {socket.gethostname()} does not see {lease.folder} as it is here; all workers need the "
+            "folder of --runs at the same path, on a disk that they share"
+        )
     with one_thread():
         scene, _ = read_scene(scene_path)
-        store = MotionStore(folder, motion)
+        store = MotionStore(lease.folder, motion)
         store.own()
         identity = run_identity(scene_path, motion, options)
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
@@ -142,6 +128,8 @@ def run_motion(scene_path: Path, folder: Path, motion: Motion, options: SolverOp
             statistics["reason"].append(int(solution.reason))
             store.append(state.u)
             store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))
+            if not lease.holds():
+                raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
             started = time.perf_counter()
 
 

@@ -9,25 +9,30 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
 import numpy as np
+import psutil
 import pytest
 import yaml
+from distributed import Client, LocalCluster
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import Snapshots
-from ldsim.ensemble import SolverOptions, run_motions
-from ldsim.errors import MotionError
+from ldsim.artefacts.snapshots import Lease, Snapshots
+from ldsim.cluster import local_cluster
+from ldsim.ensemble import SolverOptions, run_motion, run_motions
+from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
-from tests.cli.experiments import TINY
+from tests.cli.experiments import TINY, Experiment
 
 WAIT = 60.0
 FRAMES = 800
 MOTIONS = ("a", "b")
+SOLVER = SolverOptions(1e-6, 25, 500)
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +138,15 @@ def test_a_killed_run_goes_on_where_it_was_and_ends_as_an_undisturbed_one(
             assert np.array_equal(a.seconds[: len(reached[name])], reached[name])
 
 
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene of a few dozen cells."""
+    experiment = Experiment(tmp_path_factory.mktemp("scene"))
+    experiment.configure(TINY)
+    assert experiment.invoke("mesh").exit_code == 0
+    return experiment.run / "scene.h5"
+
+
 def still(name: str, frames: int) -> Motion:
     """A motion without a grab: the solid sags and swings."""
     return Motion(name, frames, ())
@@ -148,40 +162,102 @@ def frames_of(path: Path) -> int:
         return len(file["seconds"])
 
 
-def test_motions_that_share_a_scene_do_not_share_anything_else(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_motions_that_share_a_scene_do_not_share_anything_else(scene: Path, tmp_path: Path) -> None:
     for folder, names in (("alone", ["m"]), ("beside", ["l", "m", "n"])):
         motions = [still(name, 10) for name in names]
-        run_motions(scene, tmp_path / folder, motions, SolverOptions(1e-6, 25, 500), 2, lambda *_: None)
+        run_motions(scene, tmp_path / folder, motions, SOLVER, 2, lambda *_: None)
     assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "m.frames").read_bytes()
     assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "l.frames").read_bytes()
 
 
-def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(scene: Path, tmp_path: Path) -> None:
     motions = [still("good", 10), far_off("bad")]
     with pytest.raises(MotionError, match="hits no vertex"):
-        run_motions(scene, tmp_path, motions, SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+        run_motions(scene, tmp_path, motions, SOLVER, 1, lambda *_: None)
     assert frames_of(tmp_path / "good.checkpoint.h5") == 10
 
 
 @pytest.mark.parametrize(
     "options", [SolverOptions(1e-5, 25, 500), SolverOptions(1e-6, 20, 500)], ids=["tolerance", "cost of a factor"]
 )
-def test_other_settings_start_anew(config: Path, tmp_path: Path, options: SolverOptions) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
-    run_motions(scene, tmp_path, [still("m", 6)], SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+def test_other_settings_start_anew(scene: Path, tmp_path: Path, options: SolverOptions) -> None:
+    run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)
     first = seconds_so_far(tmp_path, "m")
-    run_motions(scene, tmp_path, [still("m", 6)], SolverOptions(1e-6, 25, 500), 1, lambda *_: None)
+    run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)
     assert np.array_equal(seconds_so_far(tmp_path, "m"), first)
     run_motions(scene, tmp_path, [still("m", 6)], options, 1, lambda *_: None)
     assert not np.array_equal(seconds_so_far(tmp_path, "m"), first)
 
 
-def test_progress_ends_with_all_frames_and_nothing_unfinished(config: Path, tmp_path: Path) -> None:
-    scene = config.parent / "undisturbed" / "tiny" / "scene.h5"
+def test_progress_ends_with_all_frames_and_nothing_unfinished(scene: Path, tmp_path: Path) -> None:
     calls: list[tuple[int, int]] = []
     motions = [still("m", 6), still("n", 4)]
-    run_motions(scene, tmp_path, motions, SolverOptions(1e-6, 25, 500), 1, lambda *call: calls.append(call))
+    run_motions(scene, tmp_path, motions, SOLVER, 1, lambda *call: calls.append(call))
     assert calls[-1] == (10, 0)
     assert calls == sorted(calls, key=lambda call: call[0])
+
+
+def workers() -> list[psutil.Process]:
+    """The processes of clusters that this one started."""
+    return [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+def test_a_worker_that_is_killed_costs_nothing_but_the_frame_it_was_at(scene: Path, tmp_path: Path) -> None:
+    """The frames are those of an undisturbed run, and the worker that took over went on where the first one was."""
+    run_motions(scene, tmp_path / "undisturbed", [still("m", 400)], SOLVER, 1, lambda *_: None)
+    others, reached = set(workers()), list[NDArray[np.float64]]()
+
+    def kill_once(done: int, unfinished: int) -> None:
+        if done >= 20 and not reached:
+            (worker,) = set(workers()) - others
+            worker.kill()
+            worker.wait(WAIT)
+            reached.append(seconds_so_far(tmp_path / "killed", "m"))
+
+    run_motions(scene, tmp_path / "killed", [still("m", 400)], SOLVER, 1, kill_once)
+    assert 20 <= len(reached[0]) < 400
+    assert np.array_equal(seconds_so_far(tmp_path / "killed", "m")[: len(reached[0])], reached[0])
+    assert (tmp_path / "killed" / "m.frames").read_bytes() == (tmp_path / "undisturbed" / "m.frames").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    """A cluster that somebody else started."""
+    with local_cluster(1) as cluster:
+        yield cluster
+
+
+def test_an_existing_cluster_makes_the_same_frames(scene: Path, tmp_path: Path, cluster: LocalCluster) -> None:
+    motions = [still("m", 10), still("n", 6)]
+    run_motions(scene, tmp_path / "here", motions, SOLVER, 2, lambda *_: None)
+    run_motions(scene, tmp_path / "there", motions, SOLVER, 2, lambda *_: None, cluster.scheduler_address)
+    for name in ("m.frames", "n.frames"):
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes()
+    assert not (tmp_path / "there" / "lease").exists()
+
+
+def test_a_worker_that_does_not_share_the_folder_is_told(scene: Path, tmp_path: Path, cluster: LocalCluster) -> None:
+    elsewhere = Lease(tmp_path / "elsewhere", "token")
+    with Client(cluster) as client, pytest.raises(SolverError, match=f"does not see {elsewhere.folder} as it is here"):
+        client.submit(run_motion, scene, elsewhere, still("m", 5), SOLVER).result()
+
+
+def test_a_run_that_another_one_took_over_stops_after_its_frame(scene: Path, tmp_path: Path) -> None:
+    lease = Lease.taken(tmp_path)
+    endless = still("m", 1_000_000)
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(run_motion, scene, lease, endless, SOLVER)
+        wait_until(lambda: (tmp_path / "m.checkpoint.h5").exists())
+        assert Lease.taken(tmp_path).holds() and not lease.holds()
+        with pytest.raises(SolverError, match="was taken over by another run"):
+            future.result(WAIT)
+    lease.given_back()
+    assert (tmp_path / "lease").exists(), "whoever lost a lease cannot end the one of another"
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://127.0.0.1:1", "127.0.0.1"])
+def test_a_scheduler_that_cannot_be_reached_is_told_in_one_line(scene: Path, tmp_path: Path, address: str) -> None:
+    with pytest.raises(SolverError, match="no Dask scheduler answers at") as refusal:
+        run_motions(scene, tmp_path, [still("m", 3)], SOLVER, 1, lambda *_: None, address)
+    assert "\n" not in str(refusal.value) and address in str(refusal.value)
+    assert not list(tmp_path.iterdir())

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
+import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +14,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.store import Header, check_datasets, creating, read_header, reading, write_header, writing
+from ldsim.artefacts.store import (
+    Header,
+    check_datasets,
+    creating,
+    read_header,
+    reading,
+    replacing,
+    write_header,
+    writing,
+)
 from ldsim.mechanics.motion import Drag, Motion, Support
 
 Array = NDArray[np.float64]
@@ -171,6 +182,42 @@ class Checkpoint:
     @property
     def frames(self) -> int:
         return len(self.seconds)
+
+
+@dataclass(frozen=True)
+class Lease:
+    """The right to append frames to a folder: a file that holds the token of the run that was started last.
+
+    A worker on another machine sees by it whether it shares the folder, and when it is to stop.
+    """
+
+    folder: Path
+    token: str
+
+    @classmethod
+    def taken(cls, folder: Path) -> Lease:
+        """Take the folder over from whoever had it."""
+        lease = cls(folder, secrets.token_hex(16))
+        with replacing(lease._path) as temporary:
+            temporary.write_text(lease.token, encoding="utf-8")
+        return lease
+
+    @property
+    def _path(self) -> Path:
+        return self.folder / "lease"
+
+    def holds(self) -> bool:
+        """Whether this run may still write."""
+        try:
+            return self._path.read_text(encoding="utf-8") == self.token
+        except OSError:
+            return False
+
+    def given_back(self) -> None:
+        """End the right, and with it the workers that still write."""
+        if self.holds():
+            with contextlib.suppress(OSError):
+                self._path.unlink()
 
 
 class MotionStore:

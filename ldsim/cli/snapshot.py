@@ -11,9 +11,15 @@ from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.linear_choice import choose
 from ldsim.ensemble import SolverOptions, run_motions
 
+SCHEDULER = click.Option(
+    ["--scheduler"],
+    metavar="ADDRESS",
+    help="Dask scheduler to run on, tcp://host:8786, instead of this machine.",
+)
 
-@stage_command("snapshot", "Run the motions in the full space; interrupted, it goes on where it was.")
-def command(run: Run) -> None:
+
+@stage_command("snapshot", "Run the motions in the full space; interrupted, it goes on where it was.", SCHEDULER)
+def command(run: Run, scheduler: str | None) -> None:
     settings = run.settings.snapshot
     scene, header = read_scene(run.path("scene"))
     run.check("scene", header)
@@ -37,7 +43,7 @@ def command(run: Run) -> None:
             bar.set_postfix_str(f"{unfinished} motions to finish")
             bar.update(done - bar.n)
 
-        run_motions(run.path("scene"), folder, motions, options, settings.workers, show)
+        run_motions(run.path("scene"), folder, motions, options, settings.workers, show, scheduler)
     stores = [(MotionStore(folder, each), each, role) for each, role in zip(motions, settings.roles, strict=True)]
     seeds = [entry.pulls.seed for entry in settings.motions if entry.pulls is not None]
     header = run.header("snapshots", "snapshot", ("scene",), seed=seeds[0] if seeds else -1, solver=solver)

@@ -81,18 +81,21 @@ def peak_memory_mb() -> float:
     return usage * 1024 / 1e6
 
 
-def stage_command(name: str, description: str) -> Callable[[Callable[[Run], None]], click.Command]:
-    """Make a click command of a function that takes the run."""
+def stage_command(
+    name: str, description: str, *options: click.Option
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a click command of a function that takes the run, and the options that this stage alone has by name."""
 
-    def wrap(function: Callable[[Run], None]) -> click.Command:
+    def wrap(function: Callable[..., None]) -> click.Command:
         @click.command(name, help=description)
         @click.argument("config", type=click.Path(path_type=Path))
         @click.version_option(__version__, "--version", prog_name="ldsim")
         @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
-        def command(config: Path, runs: Path) -> None:
+        def command(config: Path, runs: Path, **values: object) -> None:
             settings = load_settings(config)
-            function(Run(config, settings, runs / settings.experiment))
+            function(Run(config, settings, runs / settings.experiment), **values)
 
+        command.params += options
         return command
 
     return wrap

@@ -209,6 +209,20 @@ def add(experiment: Experiment, section: str, line: str) -> None:
     experiment.config.write_text(text.replace(f"{section}:\n", f"{section}:\n  {line}\n", 1), encoding="utf-8")
 
 
+def surface_file(content: str, **settings: object) -> Callable[[Experiment], None]:
+    def spoil(experiment: Experiment) -> None:
+        (experiment.folder / "a.off").write_text(content, encoding="utf-8")
+        mesh = {key: value for key, value in TINY["mesh"].items() if key != "shape"}
+        surface = {"file": "a.off", "edge_length": 0.1} | settings
+        experiment.configure(TINY | {"mesh": mesh | {"surface": surface}})
+
+    return spoil
+
+
+CORNERS = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+TETRAHEDRON = f"OFF\n4 4 0\n{CORNERS}3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+FIN = f"OFF\n5 5 0\n{CORNERS}1 1 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n3 0 1 4\n"
+HEXES = {"refine": 1, "shape": {"name": "beam", "cell_type": "hex8"}}
 GOOD = TETS.format(apex="0 0 -1", cell="1 3 2 5")
 MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "missing": (mesh_file("no.mesh", None), "no.mesh does not exist"),
@@ -218,6 +232,11 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "foreign": (mesh_file("a.vtk", "%PDF-1.4\n"), "a.vtk is not a readable .vtk file"),
     "of an unknown format": (mesh_file("a.doc", GOOD), "unknown extension '.doc'"),
     "a surface": (mesh_file("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), "holds no tetrahedra"),
+    "a surface that is not manifold": (surface_file(FIN), "a.off: the surface is not manifold: 1 of its edges"),
+    "an open surface": (surface_file(TETRAHEDRON.replace("4 4 0", "4 3 0")), "a.off: the surface is open: 1 holes"),
+    "edges as long as the surface": (surface_file(TETRAHEDRON, edge_length=1.0), "a.off: the edge length is 1 m"),
+    "two targets": (surface_file(TETRAHEDRON, cells=100), "mesh.surface: give exactly one of edge_length, cells"),
+    "hexes to refine": (change("mesh", TINY["mesh"] | HEXES), "only tet4 meshes can be refined"),
     "inverted cells": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 2 3 5")), "mesh.reorient"),
     "flat cells": (mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5")), "volume"),
     "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "must be finite"),
