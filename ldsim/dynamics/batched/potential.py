@@ -61,6 +61,7 @@ class BatchedModel:
         G: ∂F/∂q of every point, (9, k, c), 1/m.
         weights (c,) m³; mu, lam (c,) Pa.
         inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
+        load: the scene's dead load, (k,), N.
     """
 
     decoder: BatchedDecoder
@@ -71,6 +72,7 @@ class BatchedModel:
     lam: Tensor
     inertia: Tensor
     weight: Tensor
+    load: Tensor
 
     @classmethod
     def of(
@@ -91,20 +93,19 @@ class BatchedModel:
         points, weights = points[order], np.asarray(weights)[order]
         kinds, starts = np.unique(elements.kind[points], return_index=True)
         stops = [*starts[1:], len(points)]
-        maps = strain_maps(scene, U, points).reshape(U.shape[1], len(points), 9)
-        loads = scene.mass.sum(axis=1) * scene.movable
         return cls(
             BatchedDecoder.of(decoder, device, dtype),
             tuple(
                 Part(BY_NUMBER[int(kind)], slice(int(start), int(stop)))
                 for kind, start, stop in zip(kinds, starts, stops, strict=True)
             ),
-            tensor(maps.transpose(2, 0, 1)),
+            tensor(strain_maps(scene, U, points).transpose(1, 2, 0)),
             tensor(weights),
             tensor(elements.mu[points]),
             tensor(elements.lam[points]),
             tensor(reduced_mass(scene, U) / scene.time_step**2),
-            tensor(np.einsum("v,vik->ik", loads, U.reshape(scene.mesh.n_vertices, 3, -1))),
+            tensor(np.einsum("v,vik->ik", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))),
+            tensor(U.T @ scene.force(np.zeros(3)).ravel()),
         )
 
     def _strains(self, q: Tensor) -> Tensor:
@@ -132,7 +133,11 @@ class BatchedModel:
         """∂E/∂q, (n, k), N."""
         elastic = torch.matmul(self._stresses(conditions, F), self.G.transpose(1, 2)).sum(0)
         springs = torch.einsum("ng,ngi,ngik->nk", conditions.stiffness, self._pulls(conditions, q), conditions.B)
-        return (q - predictor) @ self.inertia - conditions.gravity @ self.weight + elastic + springs
+        return (q - predictor) @ self.inertia - self._dead(conditions) + elastic + springs
+
+    def _dead(self, conditions: Conditions) -> Tensor:
+        """Weight and load, (n, k), N."""
+        return conditions.gravity @ self.weight + self.load
 
     @staticmethod
     def _pulls(conditions: Conditions, q: Tensor) -> Tensor:
@@ -147,7 +152,7 @@ class BatchedModel:
         """
         q, outputs = self.decoder.forward(z)
         F, offset = self._strains(q), q - predictor
-        value = 0.5 * (offset @ self.inertia * offset).sum(1) - ((conditions.gravity @ self.weight) * q).sum(1)
+        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self._dead(conditions) * q).sum(1)
         value = value + 0.5 * (conditions.stiffness * (self._pulls(conditions, q) ** 2).sum(2)).sum(1)
         for material, at, mu, lam in self._parts(conditions):
             value = value + material.density(F[..., at], mu, lam) @ self.weights[at]

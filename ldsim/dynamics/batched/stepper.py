@@ -52,7 +52,7 @@ class BatchedState:
 
     def serial(self, instance: int) -> ReducedState:
         """One instance, for `ReducedStepper`."""
-        return ReducedState(
+        return ReducedState.moving(
             *(getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self))
         )
 

@@ -26,7 +26,8 @@ LINEAR_MODES = 6
 POSES = 100
 # A space is bounded when it never moves farther than this many times what the full space does.
 BOUND = 3.0
-SOFTER = 0.5
+# Stiffer, not softer, so that the poses stay among those that the space was trained on.
+STIFFER = 2.0
 
 
 def one_cubature_point(bench: Bench) -> Outcome:
@@ -83,30 +84,30 @@ def _largest(values: Array) -> float:
 
 
 def material_after_training(bench: Bench) -> Outcome:
-    """Figure 14: the bar at E = 1e5 Pa as trained, and softened after training, against the full space."""
+    """Figure 14: the bar at E = 1e5 Pa as trained, and stiffened after training, against the full space."""
     folder = bench.made(bar(bench.quick), "train")
-    other = bench.made(bar(bench.quick, youngs_modulus=SOFTER * 1e5), "snapshot")
-    with opened(folder) as run, opened(other) as softened, one_thread():
+    other = bench.made(bar(bench.quick, youngs_modulus=STIFFER * 1e5), "snapshot")
+    with opened(folder) as run, opened(other) as stiffer, one_thread():
         name = run.snapshots.with_role("train")[0]
-        scene = replace(run.scene, mu=SOFTER * run.scene.mu, lam=SOFTER * run.scene.lam)
+        scene = replace(run.scene, mu=STIFFER * run.scene.mu, lam=STIFFER * run.scene.lam)
         as_trained = run.play(name, run.model.decoder)
-        judge = Material(run.folder, softened.snapshots)
+        judge = Material(run.folder, stiffer.snapshots)
         changed = judge.play(name, run.model.decoder, scene=scene)
         unchanged = judge.play(name, run.model.decoder)
-    curves = {"as trained": as_trained, "softened after training": changed}
+    curves = {"as trained": as_trained, "stiffened after training": changed}
     figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
     for i, (label, trajectory) in enumerate(curves.items()):
         assert trajectory.mean_error is not None
         ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=1 - 0.5 * i, label=label)
     legend(ax)
     errors = {label: relative_error(trajectory) for label, trajectory in curves.items()}
-    errors["softened, material not changed"] = relative_error(unchanged)
+    errors["stiffened, material not changed"] = relative_error(unchanged)
     relations = (
         Relation("online error as trained", errors["as trained"], "<= 0.05"),
-        Relation("online error with half the modulus, set after training", errors["softened after training"], "<= 0.1"),
+        Relation("online error, twice the modulus set after training", errors["stiffened after training"], "<= 0.1"),
         Relation(
             "the same over that of the model with its old modulus",
-            errors["softened after training"] / errors["softened, material not changed"],
+            errors["stiffened after training"] / errors["stiffened, material not changed"],
             "< 1",
         ),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper
+from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.evaluation.experiments.experiment import Bench, Outcome, Relation
 from ldsim.evaluation.experiments.reduced_runs import Material, opened
@@ -46,7 +47,7 @@ def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
     def solve(most: int) -> Solution:
         stepper = ReducedStepper(
             scene, U, decoder, points, scene.points.weights,
-            tolerance=TOLERANCE, max_iterations=most, inertia_in_metric=False,
+            tolerance=TOLERANCE, max_iterations=most, method=Method.LBFGS, current=False, inertia_in_metric=False,
         )  # fmt: skip
         return stepper.step(ReducedState.moving(z, z, q, q), [])[1]
 

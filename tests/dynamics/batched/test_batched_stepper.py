@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
@@ -49,10 +49,10 @@ def basis(body: Scene) -> Array:
 def curved(activation: str = "elu") -> Decoder:
     rng = np.random.default_rng(1)
     weights = [rng.normal(size=(R, 8)), 0.5 * rng.normal(size=(8, 7)), 0.05 * rng.normal(size=(7, K))]
-    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(K)[:, :R])
+    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(R, K))
 
 
-DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh")}
+DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh"), "sigmoid": curved("sigmoid")}
 
 
 # Every material in a latent space, every decoder with one material.
@@ -121,6 +121,18 @@ def test_a_softer_material_and_another_gravity_are_those_of_another_scene() -> N
     np.testing.assert_allclose(march(stepper, changed, 10).q, expected.q, atol=1e-8)
 
 
+def test_a_dead_load_pulls_as_it_does_in_the_serial_stepper() -> None:
+    loaded = replace(body(), load=np.tile([0.0, 0.5, 0.2], (body().mesh.n_vertices, 1)))
+    serial, stepper = ReducedStepper(*ingredients(loaded, curved()), tolerance=1e-9), batched(loaded, curved())
+    expected = ReducedState.at_rest(curved())
+    for _ in range(5):
+        expected, _ = serial.step(expected, [])
+    found = march(stepper, stepper.conditions([[]]), 5)
+    np.testing.assert_allclose(found.q[0], expected.q, atol=1e-8)
+    unloaded = batched(body(), curved())
+    assert not np.allclose(march(unloaded, unloaded.conditions([[]]), 5).q[0], expected.q, atol=1e-4)
+
+
 @pytest.mark.parametrize("piece", [None, 2], ids=["in one piece", "in pieces"])
 def test_an_instance_moves_as_it_does_alone(piece: int | None) -> None:
     stepper = batched(body(), curved(), piece=piece)
@@ -136,7 +148,7 @@ def test_a_lost_instance_is_reported_and_spoils_neither_the_others_nor_their_gra
     conditions = stepper.conditions([pulls(body(), seed) for seed in range(3)])
     healthy = march(stepper, conditions, 3)
     inverted = 1e3 * torch.ones(K, dtype=torch.float64)
-    states = [healthy.serial(0), ReducedState(*[inverted.numpy()] * 4), healthy.serial(2)]
+    states = [healthy.serial(0), ReducedState.moving(*[inverted.numpy()] * 4), healthy.serial(2)]
     factor = torch.ones((), dtype=torch.float64, requires_grad=True)
     state, solution = stepper.step(stepper.state(states), conditions._replace(mu=conditions.mu * factor))
     assert solution.lost.tolist() == [1]
