@@ -60,7 +60,8 @@ class BatchedModel:
     Attributes:
         G: ∂F/∂q of every point, (9, k, c), 1/m.
         weights (c,) m³; mu, lam (c,) Pa.
-        inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
+        inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg. load: that of
+            the scene's dead loads, (k,), N.
     """
 
     decoder: BatchedDecoder
@@ -71,6 +72,7 @@ class BatchedModel:
     lam: Tensor
     inertia: Tensor
     weight: Tensor
+    load: Tensor
 
     @classmethod
     def of(
@@ -92,7 +94,6 @@ class BatchedModel:
         kinds, starts = np.unique(elements.kind[points], return_index=True)
         stops = [*starts[1:], len(points)]
         maps = strain_maps(scene, U, points).reshape(U.shape[1], len(points), 9)
-        loads = scene.mass.sum(axis=1) * scene.movable
         return cls(
             BatchedDecoder.of(decoder, device, dtype),
             tuple(
@@ -104,8 +105,13 @@ class BatchedModel:
             tensor(elements.mu[points]),
             tensor(elements.lam[points]),
             tensor(reduced_mass(scene, U) / scene.time_step**2),
-            tensor(np.einsum("v,vik->ik", loads, U.reshape(scene.mesh.n_vertices, 3, -1))),
+            tensor(np.einsum("v,vik->ik", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))),
+            tensor(U.T @ scene.force(np.zeros(3)).ravel()),
         )
+
+    def _external(self, conditions: Conditions) -> Tensor:
+        """Weight and dead load of every instance, (n, k), N."""
+        return conditions.gravity @ self.weight + self.load
 
     def _strains(self, q: Tensor) -> Tensor:
         """F of every point, (3, 3, n, c)."""
@@ -132,7 +138,7 @@ class BatchedModel:
         """∂E/∂q, (n, k), N."""
         elastic = torch.matmul(self._stresses(conditions, F), self.G.transpose(1, 2)).sum(0)
         springs = torch.einsum("ng,ngi,ngik->nk", conditions.stiffness, self._pulls(conditions, q), conditions.B)
-        return (q - predictor) @ self.inertia - conditions.gravity @ self.weight + elastic + springs
+        return (q - predictor) @ self.inertia - self._external(conditions) + elastic + springs
 
     @staticmethod
     def _pulls(conditions: Conditions, q: Tensor) -> Tensor:
@@ -147,7 +153,7 @@ class BatchedModel:
         """
         q, outputs = self.decoder.forward(z)
         F, offset = self._strains(q), q - predictor
-        value = 0.5 * (offset @ self.inertia * offset).sum(1) - ((conditions.gravity @ self.weight) * q).sum(1)
+        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self._external(conditions) * q).sum(1)
         value = value + 0.5 * (conditions.stiffness * (self._pulls(conditions, q) ** 2).sum(2)).sum(1)
         for material, at, mu, lam in self._parts(conditions):
             value = value + material.density(F[..., at], mu, lam) @ self.weights[at]
