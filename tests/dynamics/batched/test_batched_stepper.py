@@ -53,7 +53,7 @@ def curved(activation: str = "elu") -> Decoder:
     return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(K)[:, :R])
 
 
-DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh")}
+DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh"), "sigmoid": curved("sigmoid")}
 
 
 # Every material in a latent space, every decoder with one material.
