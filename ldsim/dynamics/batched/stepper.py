@@ -51,10 +51,11 @@ class BatchedState:
         return BatchedState(*(getattr(self, entry.name)[instances] for entry in fields(self)))
 
     def serial(self, instance: int) -> ReducedState:
-        """One instance, for `ReducedStepper`."""
-        return ReducedState(
-            *(getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self))
+        """One instance, for `ReducedStepper`, which is to start from 2zₙ − zₙ₋₁."""
+        z, z_previous, q, q_previous = (
+            getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self)
         )
+        return ReducedState(z, z_previous, q, q_previous, 2 * z - z_previous)
 
 
 class BatchedStepper:
