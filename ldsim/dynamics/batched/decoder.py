@@ -25,6 +25,7 @@ _BY_NAME = {
     "elu": Activation(elu, lambda y: torch.clamp(y, max=0) + 1, lambda y: torch.where(y > 0, 0.0, y + 1)),
     "relu": Activation(torch.relu, lambda y: (y > 0).to(y.dtype), torch.zeros_like),
     "tanh": Activation(torch.tanh, lambda y: 1 - y * y, lambda y: -2 * y * (1 - y * y)),
+    "sigmoid": Activation(torch.sigmoid, lambda y: y * (1 - y), lambda y: y * (1 - y) * (1 - 2 * y)),
 }
 BY_NUMBER = {number: _BY_NAME[name] for name, number in ACTIVATIONS.items()}
 
@@ -72,7 +73,7 @@ class BatchedDecoder:
             tuple(tensor(weight) for weight in decoder.weights),
             tuple(tensor(bias) for bias in decoder.biases),
             tensor(layers.rest),
-            tensor(layers.skip.T.copy()) if layers.skip.size else None,
+            tensor(layers.skip) if layers.skip.size else None,
             BY_NUMBER[layers.activation],
         )
 
