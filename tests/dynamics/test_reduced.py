@@ -56,7 +56,7 @@ def some_basis(body: Scene, k: int, seed: int = 0) -> Array:
 def curved(k: int, r: int) -> Decoder:
     rng = np.random.default_rng(1)
     weights = [rng.normal(size=(r, 8)), rng.normal(size=(8, k)) * 0.02]
-    return Decoder.network(weights, [rng.normal(size=8), np.zeros(k)], "elu", np.eye(k)[:, :r])
+    return Decoder.network(weights, [rng.normal(size=8), np.zeros(k)], "elu", np.eye(r, k))
 
 
 def stepper(body: Scene, U: Array, decoder: Decoder, **options: object) -> ReducedStepper:

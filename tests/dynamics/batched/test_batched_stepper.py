@@ -49,7 +49,7 @@ def basis(body: Scene) -> Array:
 def curved(activation: str = "elu") -> Decoder:
     rng = np.random.default_rng(1)
     weights = [rng.normal(size=(R, 8)), 0.5 * rng.normal(size=(8, 7)), 0.05 * rng.normal(size=(7, K))]
-    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(K)[:, :R])
+    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(R, K))
 
 
 DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh")}
