@@ -7,12 +7,13 @@ each strain of each point, which for all elements is some ten times as much memo
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from ldsim.dynamics.reduced_model import ReducedState, reduced_mass
+from ldsim.dynamics.reduced_model import reduced_mass
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.motion import Grab, GrabTracker, Motion
 from ldsim.mechanics.scene import Scene
@@ -26,6 +27,15 @@ Array = NDArray[np.float64]
 SERVES = 6
 GIVE_UP = 12
 TOLERANCE = 1e-6
+
+
+class State(NamedTuple):
+    """z and q of the last two frames; q need not be φ(z)."""
+
+    z: Array
+    z_previous: Array
+    q: Array
+    q_previous: Array
 
 
 class EveryElement:
@@ -53,7 +63,7 @@ class EveryElement:
         tangent: Array = self._free.T @ (self._pattern.matrix(blocks) @ self._free)
         return tangent
 
-    def step(self, state: ReducedState, grabs: list[Grab]) -> tuple[ReducedState, int]:
+    def step(self, state: State, grabs: list[Grab]) -> tuple[State, int]:
         """The next state, and the iterations it took."""
         predictor = 2 * state.q - state.q_previous
         nodal = self.U.reshape(self.scene.mesh.n_vertices, 3, -1)
@@ -86,9 +96,9 @@ class EveryElement:
         done = minimise(potential, z, lambda d: cho_solve(factor, d), TOLERANCE, max_iterations=200)
         self._age += 1 if done.iterations <= GIVE_UP else SERVES
         q = z.copy() if self.decoder.is_identity else self.decoder(z)
-        return ReducedState(z, state.z, q, state.q), done.iterations
+        return State(z, state.z, q, state.q), done.iterations
 
-    def _start(self, potential: Callable[[Array, Array], float], state: ReducedState) -> Array:
+    def _start(self, potential: Callable[[Array, Array], float], state: State) -> Array:
         """Extrapolated, unless that inverts an element."""
         z: Array = 2 * state.z - state.z_previous
         return z if potential(z, np.empty_like(z)) < np.inf else state.z.copy()
@@ -108,11 +118,12 @@ def run(
     motion: Motion,
     held: dict[int, NDArray[np.int64]],
     frames: int,
-    restart: Callable[[int], ReducedState | None] = lambda frame: None,
+    restart: Callable[[int], State | None] = lambda frame: None,
 ) -> Array:
     """q of each frame, (frames, k); NaN from where the run is lost."""
     tracker = GrabTracker(motion, space.scene.mesh.vertices, space.scene.movable, held)
-    state = ReducedState.at_rest(space.decoder)
+    rest = np.zeros(space.decoder.r), np.zeros(space.decoder.k)
+    state = State(rest[0], rest[0], rest[1], rest[1])
     q = np.full((frames, space.decoder.k), np.nan)
     for frame in range(frames):
         state = restart(frame) or state

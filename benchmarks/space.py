@@ -18,14 +18,13 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from every_element import EveryElement, run
+from every_element import EveryElement, State, run
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.sparse import csr_array, eye_array
 
 from ldsim.artefacts.records import StoredModel, read_basis, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
-from ldsim.dynamics.reduced_model import ReducedState
 from ldsim.evaluation.machine import describe_machine
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
@@ -55,13 +54,13 @@ class Space:
     stepper: EveryElement
     encoder: Encoder
 
-    def state(self, q: Array, frame: int) -> ReducedState:
+    def state(self, q: Array, frame: int) -> State:
         """The state that continues after a frame of the full-space run with coordinates q, (N, K)."""
         k, decoder = self.stepper.decoder.k, self.stepper.decoder
         now, before = q[frame, :k], q[frame - 1, :k]
         codes = self.encoder(np.stack([now, before]))
         z = [nearest_latent(decoder, target, code) for target, code in zip((now, before), codes, strict=True)]
-        return ReducedState(z[0], z[1], now, before)
+        return State(z[0], z[1], now, before)
 
 
 def spaces(scene: Scene, U: Array, model: StoredModel, dimensions: tuple[int, ...]) -> list[Space]:
@@ -84,6 +83,8 @@ def online_error(U: Array, q: Array, full: NDArray[np.float32]) -> float:
 
 def worth(latent: float, linear: dict[int, float]) -> float | None:
     """The linear dimension with the same error, interpolated in its logarithm; None beyond what was swept."""
+    if not linear or not np.isfinite(latent):
+        return None
     k = np.array(sorted(linear))
     errors = np.log([linear[i] for i in k])
     if not errors.min() <= np.log(latent) <= errors.max():
@@ -137,7 +138,7 @@ def measure(folder: Path, quick: bool) -> list[Row]:
             trained, linear, latent = recorded.role == "train", {}, np.inf
             for space in spaces(scene, U, model, QUICK if quick else DIMENSIONS):
 
-                def restart(frame: int, space: Space = space, q: Array = q) -> ReducedState | None:
+                def restart(frame: int, space: Space = space, q: Array = q) -> State | None:
                     return space.state(q, frame - 1) if frame > 1 and frame % every == 0 else None
 
                 stepper, held = space.stepper, dict(recorded.held)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Never
 
 import click
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from ldsim.artefacts.records import StoredModel, read_basis, read_scene, write_model
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.reduction.autoencoder import Trained, TrainingOptions, train, train_ordered
+from ldsim.reduction.autoencoder import Forces, Trained, TrainingOptions, train, train_ordered
 from ldsim.reduction.latent_search import search
-from ldsim.reduction.pca import inner_product
+from ldsim.reduction.pca import Chunks, inner_product
 from ldsim.reduction.pose_stiffness import pose_forces, spread_frames
 from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, reconstruction_error
 from ldsim.reduction.trust import fit_trust
@@ -31,55 +35,27 @@ def command(run: Run) -> None:
     scene, _ = read_scene(run.path("scene"))
     stored, header = read_basis(run.path("basis"))
     run.check("basis", header, "scene", "snapshots")
-    U = stored.basis.U
+    U, partial = stored.basis.U, run.folder / "model.partial"
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
-    options = _options(settings)
-    partial = run.folder / "model.partial"
-    poses = settings.equilibrium_poses if settings.equilibrium else 0
-    with (
-        Snapshots(run.path("snapshots")) as snapshots,
-        progress_bar(settings.epochs + poses, "train", "epoch") as bar,
-        one_thread(),
-    ):
-        names = snapshots.with_role("train")
+    with Snapshots(run.path("snapshots")) as snapshots, progress_bar(None, "train", "epoch") as bar, one_thread():
+
+        def chunks(role: str) -> Chunks:
+            names = snapshots.with_role(role)
+            return lambda: snapshots.chunks(names)
 
         def error(trained: Trained, role: str = "train") -> tuple[float, float]:
-            chosen = snapshots.with_role(role)
-            return reconstruction_error(lambda: snapshots.chunks(chosen), metric, U, trained.encoder, trained.decoder)
+            return reconstruction_error(chunks(role), metric, U, trained.encoder, trained.decoder)
 
-        def show(epoch: int, training: float, validation: float) -> None:
-            bar.set_postfix_str(f"loss {training:.2e}, validation {validation:.2e}", refresh=False)
-            bar.n = poses + epoch
-            bar.update()
-
-        q = all_coordinates(lambda: snapshots.chunks(names), metric, U)
-        frames = spread_frames(len(q), poses)
-        forces = pose_forces(scene, U, q, lambda: snapshots.chunks(names), frames, bar.update) if poses else None
-
-        def store(name: str) -> TrainingStore:
-            return TrainingStore(partial, name, _identity(q, name, options, poses))
-
-        def alone(size: int) -> Trained:
-            bar.set_description(f"train r = {size}")
-            return train(q, size, options, show, forces, store(f"r{size}"))
-
-        def leading(size: int) -> Trained:
-            if not ordered:
-                most = min(U.shape[1], size)
-                bar.set_description(f"train up to r = {most}")
-                ordered.append(train_ordered(q, most, options, show, store(f"ordered{most}")))
-            return ordered[0](size)
-
-        ordered: list[Callable[[int], Trained]] = []
-        found = search(U.shape[1], settings.r, alone, leading, error, settings.tolerance_mm / 1e3)
+        q, unseen = (all_coordinates(chunks(role), metric, U) for role in ("train", "heldout"))
+        forces = None
+        if settings.equilibrium:
+            frames = spread_frames(len(q), settings.equilibrium_poses)
+            forces = pose_forces(scene, U, q, chunks("train"), frames, bar.update)
+        trainings = _Trainings(q, settings, forces, partial, bar)
+        found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, settings.tolerance_mm / 1e3)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
-        unseen = snapshots.with_role("heldout")
-        if not unseen:
-            bar.clear()
-            click.echo(NO_HELDOUT, err=True)
-        others = all_coordinates(lambda: snapshots.chunks(unseen), metric, U)
-        trust = fit_trust(found.trained.decoder, found.trained.encoder, q, others)
     trained = found.trained
+    trust = fit_trust(trained.decoder, trained.encoder, q, unseen)
     kp = matching_dimension(stored.basis.max_error, errors[0, 0])
     model = StoredModel(
         trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch, found.own, trust
@@ -94,30 +70,45 @@ def command(run: Run) -> None:
         f"r = {trained.decoder.r} of k = {trained.decoder.k}, vertex error of the training frames "
         f"{1e3 * errors[0, 0]:.3g} mm at most, {1e3 * errors[0, 1]:.2g} mm on average, as good as PCA-{kp}",
     )
+    if len(unseen) == 0:
+        click.echo(NO_HELDOUT, err=True)
 
 
-def _options(settings: TrainSettings) -> TrainingOptions:
-    return TrainingOptions(
-        hidden=settings.hidden,
-        activation=settings.activation,
-        epochs=settings.epochs,
-        batch=settings.batch,
-        learning_rate=settings.learning_rate,
-        validation_share=settings.validation_share,
-        patience=settings.patience,
-        seed=settings.seed,
-        balance=settings.balance,
-        skip=settings.skip,
-        noise=settings.noise,
-        variational=settings.variational,
-        smoothness=settings.smoothness,
-        equilibrium=settings.equilibrium,
-        equilibrium_start=settings.equilibrium_start,
-        device=settings.device,
-    )
+class _Trainings:
+    """The trainings of a search, each with its checkpoint; the ordered one is made once."""
 
+    def __init__(
+        self,
+        q: NDArray[np.float64],
+        settings: TrainSettings,
+        forces: Forces | None,
+        folder: Path,
+        bar: tqdm[Never],
+    ) -> None:
+        self._q, self._forces, self._folder, self._bar = q, forces, folder, bar
+        names = {field.name for field in fields(TrainingOptions)}
+        self._options = TrainingOptions(**settings.model_dump(include=names))
+        self._ordered: Callable[[int], Trained] | None = None
 
-def _identity(q: NDArray[np.float64], name: str, options: TrainingOptions, poses: int) -> str:
-    """What tells one training from another: its data, its size and its options."""
-    text = f"{name} {options} {poses}"
-    return hashlib.sha256(q.tobytes() + text.encode()).hexdigest()
+    def alone(self, r: int) -> Trained:
+        """A training of one size."""
+        self._bar.set_description(f"train r = {r}")
+        return train(self._q, r, self._options, self._show, self._forces, self._store(f"r{r}"))
+
+    def leading(self, r: int) -> Trained:
+        """The leading codes of the ordered training, which is as large as the first that is asked for."""
+        if self._ordered is None:
+            self._bar.set_description(f"train up to r = {r}")
+            self._ordered = train_ordered(self._q, r, self._options, self._show, self._store(f"ordered{r}"))
+        return self._ordered(r)
+
+    def _show(self, epoch: int, training: float, validation: float) -> None:
+        self._bar.set_postfix_str(f"loss {training:.2e}, validation {validation:.2e}", refresh=False)
+        self._bar.update()
+
+    def _store(self, name: str) -> TrainingStore:
+        """Where a training of these very data and options keeps its checkpoint."""
+        digest = hashlib.sha256(self._q.tobytes() + f"{name} {self._options}".encode())
+        for array in () if self._forces is None else (self._forces.stiffness, self._forces.excess):
+            digest.update(array.tobytes())
+        return TrainingStore(self._folder, name, digest.hexdigest())

@@ -205,8 +205,14 @@ class Decoder:
         activation: str = "elu",
         skip: Array | None = None,
     ) -> Decoder:
-        """A perceptron of (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k)."""
+        """A perceptron of (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k).
+
+        Raises:
+            ValueError: the skip has another shape, which the compiled loops would not notice.
+        """
         sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
+        if skip is not None and skip.shape != (sizes[0], sizes[-1]):
+            raise ValueError(f"the skip has shape {skip.shape}; expected (r, k) = ({sizes[0]}, {sizes[-1]})")
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])
         if skip is not None and skip.shape != (sizes[0], sizes[-1]):

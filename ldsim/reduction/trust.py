@@ -78,8 +78,9 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
     centred = z - z.mean(axis=0)
     values, vectors = np.linalg.eigh(centred.T @ centred / len(z))
     whitening = (vectors / np.sqrt(np.maximum(values, 1e-6 * values[-1]))).T
-    landmarks = _spread(np.vstack([np.zeros((1, z.shape[1])), z @ whitening.T]))
-    scale = float(np.quantile(Trust(landmarks, whitening, 0.0)(z), 0.99)) or 1.0
+    # At most every second code is a landmark, so that the others tell how far apart neighbours are.
+    landmarks = _spread(np.vstack([np.zeros((1, z.shape[1])), z @ whitening.T]), min(LANDMARKS, len(z) // 2 + 1))
+    scale = max(float(np.quantile(Trust(landmarks, whitening, 0.0)(z), 0.99)), 1e-6)
     trust = Trust(landmarks / scale, whitening / scale, 2.0)
     if len(unseen) == 0:
         return trust
@@ -91,11 +92,11 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
     return Trust(trust.landmarks, trust.whitening, _separating(trust(codes), bad, trust.threshold))
 
 
-def _spread(points: Array) -> Array:
-    """At most `LANDMARKS` of the points, each the farthest from those before; the first comes first."""
+def _spread(points: Array, most: int) -> Array:
+    """At most so many of the points, each the farthest from those before; the first comes first."""
     chosen = [0]
     distance = np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < min(LANDMARKS, len(points)) and distance.max() > 0:
+    while len(chosen) < most and distance.max() > 0:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.ascontiguousarray(points[chosen])

@@ -50,7 +50,7 @@ TINY: dict[str, Any] = {
         "workers": 1,
     },
     "pca": {"k": 6},
-    "train": {"r": 3, "hidden": [8], "epochs": 20, "batch": 16},
+    "train": {"r": 3, "hidden": [8], "epochs": 200, "batch": 16},
     "cubature": {"poses": 20, "heldout_poses": 10},
     "simulate": {"full_frames": 5},
     "report": {"pictures": 1},

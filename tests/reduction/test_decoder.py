@@ -84,3 +84,9 @@ def test_the_nearest_latent_state_has_no_gradient() -> None:
     q = np.random.default_rng(7).normal(size=7)
     z = nearest_latent(decoder, q, np.zeros(3), iterations=200)
     assert np.linalg.norm(decoder.vjp(z, decoder(z) - q)) < 1e-4 * np.linalg.norm(q)
+
+
+def test_a_skip_that_is_not_transposed_is_refused() -> None:
+    decoder = network("elu", (6, 4), skip=False)
+    with pytest.raises(ValueError, match=r"expected \(r, k\) = \(3, 7\)"):
+        Decoder.network(decoder.weights, decoder.biases, "elu", np.eye(7)[:, :3])

@@ -61,3 +61,9 @@ def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> No
 def test_a_code_that_is_not_finite_has_no_score() -> None:
     trust = Trust(np.zeros((1, 2)), np.eye(2), 1.0)
     assert np.isnan(trust(np.array([[np.nan, 0.0]]))).all()
+
+
+def test_few_training_codes_still_have_a_scale() -> None:
+    z = np.random.default_rng(4).normal(size=(40, 2))
+    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert 0.5 < trust(z).max() < 3

@@ -126,7 +126,7 @@ def test_the_jacobian_of_the_network_is_its_derivative(skip: bool) -> None:
 def test_a_linear_decoder_has_no_curvature() -> None:
     network = Autoencoder(R, torch.ones(K), replace(SHORT, hidden=()))
     z = torch.randn(8, R, generator=torch.Generator().manual_seed(0))
-    assert float(curvature(network, z, torch.Generator().manual_seed(1))) < 1e-12
+    assert curvature(network, z, torch.Generator().manual_seed(1)).item() < 1e-12
 
 
 def test_the_equilibrium_shift_is_how_far_the_energy_minimum_moves_along_the_manifold() -> None:
