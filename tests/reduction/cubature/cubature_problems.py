@@ -123,8 +123,8 @@ def latent_problem(scene: Scene, r: int, k: int, count: int, seed: int = 0) -> P
     q = linear.z.std(axis=0)
     weights = [rng.standard_normal((a, b)) / np.sqrt(a) for a, b in pairwise(sizes)]
     weights[-1] *= 0.5 * q
-    skip = np.zeros((k, r))
-    skip[:r] = np.diag(q[:r])
+    skip = np.zeros((r, k))
+    skip[:, :r] = np.diag(q[:r])
     decoder = Decoder.network(weights, [rng.standard_normal(b) for b in sizes[1:-1]] + [np.zeros(k)], "elu", skip)
     return Problem(scene, linear.U, decoder, rng.standard_normal((count, r)), rng.standard_normal((count, r)))
 
