@@ -384,7 +384,7 @@ class CubatureSettings(Section):
     perturbation: Positive = Field(0.1, description="Their distance from poses, in standard deviations of the poses.")
     tangent: float = Field(0.0, ge=0, description="Weight of the tangent stiffness in the fit; 0 leaves it out.")
     energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
-    closure: float = Field(0.3, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
+    closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
     volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
     candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
     threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
