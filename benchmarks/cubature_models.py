@@ -36,12 +36,14 @@ class Model:
     Attributes:
         encoder: of the latent space.
         folder: of the artefacts.
+        snapshots: open as long as the model is, for a closure reads true poses.
     """
 
     name: str
     space: PoseSpace
     encoder: Encoder
     folder: Path
+    snapshots: Snapshots
 
     @property
     def cells(self) -> int:
@@ -53,7 +55,7 @@ def finished(name: str, folder: Path, r: int | None = None) -> Model:
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
-    snapshots = Snapshots(folder / "snapshots.h5").__enter__()  # stays open: a closure reads true poses
+    snapshots = Snapshots(folder / "snapshots.h5").__enter__()
     names = snapshots.with_role("train")
     q = all_coordinates(lambda: snapshots.chunks(names), inner_product(scene.mass, "mass"), U)
     decoder, encoder = model.decoder, model.encoder
@@ -61,7 +63,7 @@ def finished(name: str, folder: Path, r: int | None = None) -> Model:
         trained = train(q, r, TrainingOptions(epochs=EPOCHS))
         decoder, encoder = trained.decoder, trained.encoder
     space = PoseSpace(scene, U, decoder, reduced_rest_stiffness(scene, U), encoder(q), snapshots.frame_reader(names))
-    return Model(name, space, encoder, folder)
+    return Model(name, space, encoder, folder, snapshots)
 
 
 def made(name: str, runs: Path) -> Model:

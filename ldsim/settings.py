@@ -375,7 +375,7 @@ class CubatureSettings(Section):
     norm: Literal["compliance", "force"] = Field(
         "compliance", description="Forces measured by the displacement energy they cause at rest, or by their size."
     )
-    tolerance: float = Field(0.05, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+    tolerance: float = Field(0.045, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
     max_points: int = Field(150, ge=1, description="Most points of the latent set.")
     linear_max_points: int = Field(500, ge=1, description="Most points of the linear set.")
     poses: int = Field(400, ge=1, description="Poses of the training motions to fit.")
@@ -384,7 +384,7 @@ class CubatureSettings(Section):
     perturbation: Positive = Field(0.1, description="Their distance from poses, in standard deviations of the poses.")
     tangent: float = Field(0.0, ge=0, description="Weight of the tangent stiffness in the fit; 0 leaves it out.")
     energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
-    closure: float = Field(0.3, ge=0, le=1, description="Share of the true poses' forces in the target.")
+    closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
     volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
     candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
     threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")

@@ -39,7 +39,7 @@ def command(run: Run) -> None:
     run.check("model", header, "snapshots", "basis")
     U = stored.basis.U
     recipe = _recipe(settings)
-    linear = replace(recipe, goal=replace(recipe.goal, max_points=settings.linear_max_points), latent=True)
+    linear = replace(recipe, goal=replace(recipe.goal, max_points=settings.linear_max_points), closure=0.0, latent=True)
     spaces: dict[str, StoredCubature] = {}
     seconds: dict[str, float] = {}
     missed = False
