@@ -136,7 +136,7 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, run: 
     for _ in range(15):
         click(tab, "step")
     sim.step(15)
-    assert np.abs(sim.displacement()).max() > 5e-3
+    assert np.abs(sim.displacement()).max() > 1e-3
     difference = f"Math.max(...ldsim.q(0).map((x, i) => Math.abs(x - {sim.coordinates.tolist()}[i])))"
     tab.wait(f"{difference} < 1e-6")
     np.testing.assert_allclose(positions(tab), expected(sim), atol=1e-6)

@@ -114,8 +114,10 @@ export class Panel {
         button.className = `space ${name}`;
         button.setAttribute('aria-pressed', String(spaces.includes(name)));
         button.onclick = () => {
-          const next = offered.filter((other) => (other === name) !== spaces.includes(other));
-          if (next.length) this.send('spaces', { value: next });
+          const next = offered.filter((other) => (other === name) !== this.status.spaces.includes(other));
+          if (!next.length) return;
+          this.status.spaces = next; // the next click may come before the server's word
+          this.send('spaces', { value: next });
         };
         return button;
       }),
