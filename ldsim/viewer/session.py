@@ -51,6 +51,7 @@ class Session:
         self._shown = list(first)
         self.recorder = recorder
         self._field = SurfaceField(first[0])
+        self._field(FIELDS[0], first[0].displacement(), 1.0)  # compiled now, before a page waits for it
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = Look((x, y, z))
         self._held: dict[int, Held] = {}
