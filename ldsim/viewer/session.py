@@ -24,7 +24,7 @@ TICK = 1 / 60
 FIELD_EVERY = 0.1
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
-COLOURS = ("plain", "displacement", *FIELDS)
+COLOURS = ("plain", "displacement", *FIELDS, "distrust")
 OUTCOMES = tuple(Outcome)
 
 
@@ -158,6 +158,7 @@ class Session:
                     float(np.mean(statistics.evaluations)),
                     OUTCOMES.index(statistics.worst),
                     sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
+                    simulator.distrust,
                 )
             )
         grabs = [self._grab_frame(key, held) for key, held in self._held.items()]

@@ -19,7 +19,7 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.store import Header, file_hash
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.fit import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis, inner_product, orthonormalised

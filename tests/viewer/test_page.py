@@ -187,7 +187,7 @@ def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint
     tab.wait("ldsim.ready && document.querySelectorAll('#statistics tr').length === 3")
     click(tab, "gravity")
     click(tab, "pause")
-    for colour in ("displacement", "energy", "stress", "plain"):
+    for colour in ("displacement", "energy", "stress", "distrust", "plain"):
         tab.evaluate(
             f"(() => {{ const c = document.getElementById('colour'); c.value = '{colour}'; c.onchange(); }})()"
         )

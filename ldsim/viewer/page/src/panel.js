@@ -135,14 +135,14 @@ export class Panel {
           frame.paused && !space.milliseconds ? '–' : `${space.milliseconds < 1 ? round(space.milliseconds, 3) : round(space.milliseconds, 1)} ms`,
           round(space.iterations, 1),
           round(space.evaluations, 1),
-          OUTCOMES[space.outcome] || (space.troubled ? `${space.troubled} uneasy` : 'fine'),
+          OUTCOMES[space.outcome] || (space.distrust > 1 ? 'untrained' : space.troubled ? `${space.troubled} uneasy` : 'fine'),
         ];
         cells.forEach((text, n) => {
           const cell = document.createElement(n ? 'td' : 'th');
           cell.textContent = text;
           row.append(cell);
         });
-        row.className = `${spaces[i]} ${space.outcome > 1 ? 'uneasy' : ''}`;
+        row.className = `${spaces[i]} ${space.outcome > 1 || space.distrust > 1 ? 'uneasy' : ''}`;
         return row;
       }),
     );
