@@ -55,6 +55,7 @@ OWNERS = {
     "PIL": ("evaluation",),
     "click": ("cli",),
     "tqdm": ("cli",),
+    "websockets": ("viewer",),
 }
 
 

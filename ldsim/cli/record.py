@@ -80,11 +80,13 @@ def _of_configuration(source: Path, mesh: Path | None, resolution: int | None) -
     settings = load_settings(source)
     section = settings.mesh
     if mesh is not None:
-        section = section.model_copy(update={"file": str(mesh.absolute()), "shape": None, "surface": None})
+        section = section.model_copy(update={"file": str(mesh.absolute()), "shape": None, "surface": None, "refine": 0})
     elif resolution is not None:
         if section.shape is None:
             raise SettingsError(f"--resolution needs mesh.shape in {source}; for a mesh file give a coarser --mesh")
-        section = section.model_copy(update={"shape": section.shape.model_copy(update={"resolution": resolution})})
+        section = section.model_copy(
+            update={"shape": section.shape.model_copy(update={"resolution": resolution}), "refine": 0}
+        )
     return described_scene(Run(source, settings, source.parent), section)[0]
 
 

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.records import (
+    StoredBasis,
+    StoredCubature,
+    StoredModel,
+    read_basis,
+    read_cubature,
+    read_model,
+    read_scene,
+)
 from ldsim.artefacts.store import check_inputs
-from ldsim.dynamics.reduced_model import ReducedStepper
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.dynamics.spaces import FullDynamics, ReducedDynamics
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.trust import Trust
 from ldsim.simulator.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -43,9 +53,17 @@ def load(
     scene, _ = read_scene(folder / "scene.h5")
     if space == "full":
         return full_simulator(scene, 1e-6 if tolerance is None else tolerance)
-    U, decoder, chosen, weights = _reduced_parts(folder, space, points)
-    stepper = ReducedStepper(scene, U, decoder, chosen, weights, tolerance=1e-8 if tolerance is None else tolerance)
-    return Simulator(scene, ReducedDynamics(scene, stepper), space, basis=U, points=chosen)
+    basis, model, cubature = _reduced_parts(folder)
+    chosen = cubature[space].best if points is None else cubature[space].at_most(points)
+    U, decoder, distrust = basis.basis.U, model.decoder, None
+    if space == "linear":
+        U, decoder = np.ascontiguousarray(U[:, : model.kp]), Decoder.identity(model.kp)
+    elif model.trust is not None:
+        distrust = _distrust(model.trust)
+    stopping = 1e-8 if tolerance is None else tolerance
+    stepper = ReducedStepper(scene, U, decoder, chosen.points, chosen.weights, tolerance=stopping)
+    dynamics = ReducedDynamics(scene, stepper)
+    return Simulator(scene, dynamics, space, basis=U, points=chosen.points, distrust=distrust)
 
 
 def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:
@@ -53,8 +71,13 @@ def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:
     return Simulator(scene, FullDynamics(scene, tolerance), "full")
 
 
-def _reduced_parts(folder: Path, space: str, points: int | None) -> tuple[Array, Decoder, NDArray[np.int64], Array]:
-    """U, φ, cubature points and weights of a reduced space, checked to belong together."""
+def _distrust(trust: Trust) -> Callable[[ReducedState], float]:
+    """The score of a state over the one from which on to warn."""
+    return lambda state: float(trust(state.z[None])[0]) / trust.threshold
+
+
+def _reduced_parts(folder: Path) -> tuple[StoredBasis, StoredModel, dict[str, StoredCubature]]:
+    """Basis, model and cubature of a run, checked to belong together."""
     paths = {kind: folder / f"{kind}.h5" for kind in ("scene", "basis", "model", "cubature")}
     basis, basis_header = read_basis(paths["basis"])
     model, model_header = read_model(paths["model"])
@@ -65,7 +88,4 @@ def _reduced_parts(folder: Path, space: str, points: int | None) -> tuple[Array,
         (cubature_header, ("scene", "basis", "model")),
     ):
         check_inputs(paths[header.kind], header, {name: paths[name] for name in inputs})
-    chosen = cubature[space].best if points is None else cubature[space].at_most(points)
-    if space == "latent":
-        return basis.basis.U, model.decoder, chosen.points, chosen.weights
-    return np.ascontiguousarray(basis.basis.U[:, : model.kp]), Decoder.identity(model.kp), chosen.points, chosen.weights
+    return basis, model, cubature

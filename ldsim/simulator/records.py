@@ -22,8 +22,8 @@ class Outcome(Enum):
 
     SOLVED = "solved"
     SHORT = "the minimiser stopped before its tolerance; the best point that it found was taken"
-    SLOWED = "no step from here in motion; the velocity was dropped and the step taken from standstill"
-    HELD = "no step from here; the shape is kept without velocity: ease the grabs, or restore or reset the state"
+    SLOWED = "no step in motion stayed finite and in bounds; it was taken from standstill"
+    HELD = "no step stayed finite and in bounds; the shape was kept: ease the grabs, or restore or reset the state"
 
 
 @dataclass(frozen=True)

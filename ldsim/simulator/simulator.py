@@ -7,7 +7,7 @@ solid whatever is asked of it.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -69,6 +69,7 @@ class Simulator:
         basis: U, (3n, k) float64; None in the full space.
         points: the cubature, (c,) indices of quadrature points; None in the full space.
         bound: a step that leads further than this many diagonals from rest is not taken.
+        distrust: how far a state is from the training data, 1 where to warn; None where that is not known.
 
     Attributes:
         last: the record of the last step, None before the first.
@@ -84,10 +85,11 @@ class Simulator:
         basis: Array | None = None,
         points: NDArray[np.int64] | None = None,
         bound: float = BOUND,
+        distrust: Callable[[Any], float] | None = None,
     ) -> None:
         self.scene, self.space, self.basis, self.points = scene, space, basis, points
         self.surface = Surface.of(scene)
-        self._dynamics = dynamics
+        self._dynamics, self._distrust = dynamics, distrust
         self._limit = bound * scene.mesh.diagonal
         self._gravity, self._material_scale = scene.gravity.astype(np.float64), 1.0
         self._next_key = 0
@@ -248,6 +250,11 @@ class Simulator:
     def coordinates(self) -> Array:
         """What describes the shape: q (k,) in a reduced space, u (3n,) in the full one; float64."""
         return self._dynamics.coordinates(self._state).copy()
+
+    @property
+    def distrust(self) -> float:
+        """How far the state is from the training data; from 1 on, beware. NaN where the run does not tell."""
+        return np.nan if self._distrust is None else self._distrust(self._state)
 
     def displacement(self) -> Array:
         """u of every vertex, (n, 3) float64, metres."""

@@ -74,6 +74,7 @@ class SpaceFrame:
     evaluations: float
     outcome: int
     troubled: int
+    distrust: float
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class GrabFrame:
 def frame_bytes(
     number: int, seconds: float, rate: float, flags: int, spaces: Sequence[SpaceFrame], grabs: Sequence[GrabFrame]
 ) -> bytes:
-    """A frame: 24 bytes, 24 and the coordinates a space, 16 and 12 a space for every grab.
+    """A frame: 24 bytes, 28 and the coordinates a space, 16 and 12 a space for every grab.
 
     Args:
         rate: simulated seconds a second.
@@ -99,13 +100,14 @@ def frame_bytes(
         q = np.ascontiguousarray(space.coordinates, dtype="<f4")
         parts.append(
             struct.pack(
-                "<IfffII",
+                "<IfffIIf",
                 len(q),
                 space.milliseconds,
                 space.iterations,
                 space.evaluations,
                 space.outcome,
                 space.troubled,
+                space.distrust,
             )
         )
         parts.append(q.tobytes())

@@ -32,6 +32,8 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
             f"the full space is asked for on {scene.mesh.n_vertices} vertices; it is shown up to {FULL_VERTICES}, "
             "choose --space latent or linear"
         )
+    for simulator in first:
+        _warm(simulator)
     offered = [space for space in SPACES if space != "full" or coarse]
     session = Session(lambda space: load(run, space), offered, first)
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
@@ -49,8 +51,15 @@ def record_server(scene: Scene, title: str, recorder: Recorder, port: int, until
             "coarser mesh of the same solid, with --mesh or --resolution (the motion is replayed on the fine one)"
         )
     simulator = full_simulator(scene)
+    _warm(simulator)
     session = Session(lambda space: simulator, ["full"], [simulator], recorder)
     return Server(session, _solid([simulator], title, "record"), port, until_closed)
+
+
+def _warm(simulator: Simulator) -> None:
+    """A step, so that kernels are compiled before a page waits for them."""
+    simulator.step()
+    simulator.reset()
 
 
 def _solid(simulators: Sequence[Simulator], title: str, mode: str) -> bytes:

@@ -24,6 +24,9 @@ class Recorder:
         stiffness, radius: of every grab, N/m and m.
         notes: further lines of the file.
         motion: what can be played back before anything is recorded.
+
+    Raises:
+        MotionError: the file's folder does not exist.
     """
 
     def __init__(
@@ -34,6 +37,10 @@ class Recorder:
         notes: Mapping[str, str | float],
         motion: Motion | None = None,
     ) -> None:
+        if not path.parent.is_dir():
+            raise MotionError(
+                f"recording {path} cannot be written: {path.parent} is no folder; choose another --output"
+            )
         self._path, self._stiffness, self._radius, self._notes = path, stiffness, radius, notes
         self._motion = motion
         self.recording = self.replaying = False

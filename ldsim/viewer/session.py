@@ -24,7 +24,7 @@ TICK = 1 / 60
 FIELD_EVERY = 0.1
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
-COLOURS = ("plain", "displacement", *FIELDS)
+COLOURS = ("plain", "displacement", *FIELDS, "distrust")
 OUTCOMES = tuple(Outcome)
 
 
@@ -51,6 +51,7 @@ class Session:
         self._shown = list(first)
         self.recorder = recorder
         self._field = SurfaceField(first[0])
+        self._field(FIELDS[0], first[0].displacement(), 1.0)  # compiled now, before a page waits for it
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = Look((x, y, z))
         self._held: dict[int, Held] = {}
@@ -157,6 +158,7 @@ class Session:
                     float(np.mean(statistics.evaluations)),
                     OUTCOMES.index(statistics.worst),
                     sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
+                    simulator.distrust,
                 )
             )
         grabs = [self._grab_frame(key, held) for key, held in self._held.items()]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ldsim
+from ldsim.artefacts.records import read_cubature, read_model, write_cubature, write_model, write_scene
 from ldsim.errors import ArtefactError
+from ldsim.reduction.trust import Trust
 from ldsim.simulator import load
-from tests.simulator.playable import KP, K, header, solid, write_playable
+from tests.simulator.playable import KP, K, R, header, solid, write_playable
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +67,23 @@ def test_a_run_without_an_artefact_says_which_stage_makes_it(own_run: Path, kind
 
 
 def test_an_artefact_of_another_scene_is_refused(own_run: Path) -> None:
-    from ldsim.artefacts.records import write_scene
-
     write_scene(own_run / "scene.h5", header(own_run, "scene"), solid(1).changed(np.zeros(3), 1.0))
     with pytest.raises(ArtefactError, match="was made from another scene"):
         load(own_run)
+
+
+def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_them(own_run: Path) -> None:
+    assert np.isnan(load(own_run).distrust)
+    model, _ = read_model(own_run / "model.h5")
+    trust = Trust(np.zeros((1, R)), 2 * np.eye(R), 0.25)
+    write_model(own_run / "model.h5", header(own_run, "model", activation="elu"), replace(model, trust=trust))
+    cubature, _ = read_cubature(own_run / "cubature.h5")
+    write_cubature(own_run / "cubature.h5", header(own_run, "cubature"), cubature)
+    sim = load(own_run)
+    assert sim.distrust == 0.0
+    sim.step(5)
+    np.testing.assert_allclose(sim.distrust, 8 * np.linalg.norm(sim.save().state.z), rtol=1e-12)
+    assert np.isnan(load(own_run, "linear").distrust)
 
 
 def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(run: Path, tmp_path: Path) -> None:

@@ -87,8 +87,11 @@ def test_with_nothing_recorded_there_is_nothing_to_play(tmp_path: Path) -> None:
         Recorder(tmp_path / "m.csv", 25.0, 0.03, {}).replay(True, full_simulator(BODY))
 
 
-def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "nowhere" / "m.csv", 25.0, 0.03, {})
+def test_a_file_that_cannot_be_written_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="cannot be written"):
+        Recorder(tmp_path / "nowhere" / "m.csv", 25.0, 0.03, {})
+    (tmp_path / "folder").mkdir()
+    recorder = Recorder(tmp_path / "folder", 25.0, 0.03, {})
     recorder.record(True)
     with pytest.raises(MotionError, match="cannot be written"):
         recorder.record(False)

@@ -25,7 +25,7 @@ function patch(material, uniforms, decoder) {
     let vertex = shader.vertexShader;
     vertex = vertex.replace('#include <common>', `#include <common>
       uniform sampler2D decodedPositions; uniform sampler2D decodedNormals;
-      uniform float shadeMode; uniform float shadeScale;
+      uniform float shadeMode; uniform float shadeScale; uniform float shadeLevel;
       attribute vec3 rest; attribute float shade; attribute float pinned;
       varying float vShade; varying float vPinned;`);
     if (decoder) {
@@ -33,7 +33,7 @@ function patch(material, uniforms, decoder) {
       vertex = vertex.replace('#include <begin_vertex>', `vec3 transformed = ${fetch('decodedPositions')};`);
     }
     vertex = vertex.replace('#include <project_vertex>', `#include <project_vertex>
-      vShade = shadeMode > 1.5 ? shade : distance(transformed, rest) * shadeScale;
+      vShade = shadeMode > 2.5 ? shadeLevel : shadeMode > 1.5 ? shade : distance(transformed, rest) * shadeScale;
       vPinned = pinned;`);
     shader.vertexShader = vertex;
     shader.fragmentShader = shader.fragmentShader
@@ -80,6 +80,7 @@ export class Body {
       decodedPositions: { value: this.decoder?.positions.texture ?? null },
       decodedNormals: { value: this.decoder?.normals.texture ?? null },
       shadeMode: { value: 0 },
+      shadeLevel: { value: 0 },
       shadeScale: { value: 4 / solid.diagonal },
     };
     const own = { color: SPACE_COLOURS[this.space.space], roughness: 0.5, side: THREE.DoubleSide };
@@ -153,9 +154,15 @@ export class Body {
     if (this.points.visible) this.showPoints();
   }
 
-  /** mode: 0 the space's own colour, 1 displacement, 2 what the server sends. */
+  /** mode: 0 the space's own colour, 1 displacement, 2 what the server sends, 3 one colour for the distrust. */
   setMode(mode) {
     this.uniforms.shadeMode.value = mode;
+  }
+
+  /** Distrust from 0 to 2, where 1 is where to warn; the space's own colour where it is not known. */
+  setDistrust(value) {
+    this.uniforms.shadeMode.value = Number.isFinite(value) ? 3 : 0;
+    this.uniforms.shadeLevel.value = Math.min(value, 2) / 2;
   }
 
   setShade(values) {

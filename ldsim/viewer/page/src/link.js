@@ -42,9 +42,10 @@ function readFrame(buffer) {
       evaluations: view.getFloat32(at + 12, true),
       outcome: view.getUint32(at + 16, true),
       troubled: view.getUint32(at + 20, true),
-      q: new Float32Array(buffer, at + 24, count),
+      distrust: view.getFloat32(at + 24, true),
+      q: new Float32Array(buffer, at + 28, count),
     });
-    at += 24 + 4 * count;
+    at += 28 + 4 * count;
   }
   for (let i = 0; i < grabCount; i++) {
     const id = view.getUint32(at, true);

@@ -77,9 +77,9 @@ class Page {
   }
 
   setColour(name) {
-    const mode = { plain: 0, displacement: 1 }[name] ?? 2;
+    const mode = { plain: 0, displacement: 1, distrust: 0 }[name] ?? 2;
     this.stage.bodies.forEach((body) => body.setMode(mode));
-    this.panel.legend(mode === 1 ? ['0', `${short(this.stage.diagonal / 4)}m`] : mode === 2 ? ['0', '…'] : null);
+    this.panel.legend(mode === 1 ? ['0', `${short(this.stage.diagonal / 4)}m`] : mode === 2 ? ['0', '…'] : name === 'distrust' ? ['as trained', 'far away'] : null);
     this.colour = name;
   }
 
@@ -96,7 +96,10 @@ class Page {
     if (!frame || frame.number === this.applied) return;
     if (frame.spaces.length !== stage.bodies.length) return;
     if (frame.spaces.some((space, i) => space.q.length !== stage.bodies[i].q.length)) return;
-    frame.spaces.forEach((space, i) => stage.bodies[i].show(space.q));
+    frame.spaces.forEach((space, i) => {
+      stage.bodies[i].show(space.q);
+      if (this.colour === 'distrust') stage.bodies[i].setDistrust(space.distrust);
+    });
     stage.setGrabs(frame.grabs);
     this.applied = frame.number;
   }

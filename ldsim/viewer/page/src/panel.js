@@ -114,8 +114,10 @@ export class Panel {
         button.className = `space ${name}`;
         button.setAttribute('aria-pressed', String(spaces.includes(name)));
         button.onclick = () => {
-          const next = offered.filter((other) => (other === name) !== spaces.includes(other));
-          if (next.length) this.send('spaces', { value: next });
+          const next = offered.filter((other) => (other === name) !== this.status.spaces.includes(other));
+          if (!next.length) return;
+          this.status.spaces = next; // the next click may come before the server's word
+          this.send('spaces', { value: next });
         };
         return button;
       }),
@@ -133,14 +135,14 @@ export class Panel {
           frame.paused && !space.milliseconds ? '–' : `${space.milliseconds < 1 ? round(space.milliseconds, 3) : round(space.milliseconds, 1)} ms`,
           round(space.iterations, 1),
           round(space.evaluations, 1),
-          OUTCOMES[space.outcome] || (space.troubled ? `${space.troubled} uneasy` : 'fine'),
+          OUTCOMES[space.outcome] || (space.distrust > 1 ? 'untrained' : space.troubled ? `${space.troubled} uneasy` : 'fine'),
         ];
         cells.forEach((text, n) => {
           const cell = document.createElement(n ? 'td' : 'th');
           cell.textContent = text;
           row.append(cell);
         });
-        row.className = `${spaces[i]} ${space.outcome > 1 ? 'uneasy' : ''}`;
+        row.className = `${spaces[i]} ${space.outcome > 1 || space.distrust > 1 ? 'uneasy' : ''}`;
         return row;
       }),
     );

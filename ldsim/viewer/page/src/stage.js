@@ -28,7 +28,7 @@ export class Stage {
     this.renderer.setPixelRatio(this.fine ? Math.min(devicePixelRatio, 2) : 1);
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
-    this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
+    this.renderer.toneMapping = THREE.NeutralToneMapping;
     this.scene = new THREE.Scene();
     this.measure();
     this.light();
@@ -67,7 +67,7 @@ export class Stage {
       this.hemisphere.position.copy(up);
       scene.add(this.hemisphere);
     }
-    this.key = new THREE.DirectionalLight(0xfff3e4, 2.4);
+    this.key = new THREE.DirectionalLight(0xfff3e4, this.fine ? 1.9 : 2.2);
     this.key.position.copy(centre).addScaledVector(up, 1.9 * diagonal).addScaledVector(right, -1.0 * diagonal).addScaledVector(toward, 2.1 * diagonal);
     this.key.target.position.copy(centre);
     this.key.castShadow = true;
@@ -127,7 +127,7 @@ export class Stage {
     const theme = THEMES[name];
     this.floor.material.opacity = theme.shadow;
     this.grid.value.set(theme.grid);
-    this.scene.environmentIntensity = theme.light;
+    this.scene.environmentIntensity = 0.45 * theme.light;
     if (this.hemisphere) this.hemisphere.intensity = 2 * theme.light;
     document.documentElement.dataset.theme = name;
   }
@@ -153,8 +153,10 @@ export class Stage {
   /** All bodies in view, a little from above and the side. */
   look() {
     const centre = this.box.getCenter(new THREE.Vector3());
-    const span = this.diagonal * 1.02 + (this.bodies.length - 1) * this.aside;
-    const fit = Math.max(span / this.camera.aspect, this.diagonal) / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
+    const span = this.diagonal * 1.02 + Math.max(this.bodies.length - 1, 0) * this.aside;
+    const { clientWidth: width } = this.canvas;
+    const free = width > WIDE ? (width - COVERED) / width : 1;
+    const fit = Math.max(span / (this.camera.aspect * free), this.diagonal) / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
     this.camera.position.copy(centre).addScaledVector(this.toward, 1.05 * fit + 0.2 * this.diagonal)
       .addScaledVector(this.up, 0.32 * fit).addScaledVector(this.right, 0.28 * fit);
     this.controls.target.copy(centre);

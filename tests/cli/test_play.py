@@ -1,0 +1,104 @@
+"""`ldsim play` and `ldsim record` as a user starts them, and what they refuse."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ldsim.cli.main import main
+from tests.cli.experiments import TINY, refused
+from tests.simulator.playable import write_playable
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_playable(folder, resolution=1)
+    return folder
+
+
+def config(folder: Path) -> Path:
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump(TINY), encoding="utf-8")
+    return path
+
+
+def started(*arguments: str, **environment: str) -> tuple[str, str, str, int]:
+    """Start a command, fetch its page, interrupt it: the page, what it printed and said, and its exit status."""
+    command = [sys.executable, "-m", "ldsim", *arguments]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, env={**os.environ, **environment}, **pipes)  # type: ignore[call-overload]
+    url = process.stdout.readline().strip()
+    try:
+        with urllib.request.urlopen(url, timeout=60) as answer:
+            page = answer.read().decode()
+    finally:
+        process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    return page, url + "\n" + out, err, process.returncode
+
+
+def test_play_prints_the_address_serves_the_page_and_stops_when_interrupted(run: Path) -> None:
+    page, out, _, status = started("play", str(run), "--no-browser")
+    assert "<canvas" in page
+    assert out.startswith("http://127.0.0.1:") and out.endswith("stopped\n")
+    assert status == 0
+
+
+def test_record_serves_a_page_for_a_configuration_and_for_a_mesh_file(tmp_path: Path) -> None:
+    mesh = tmp_path / "one.mesh"
+    mesh.write_text(
+        "MeshVersionFormatted 1\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
+        "Tetrahedra\n1\n1 2 3 4 0\nEnd\n"
+    )
+    for source in (config(tmp_path), mesh):
+        page, _, _, status = started("record", str(source), "--no-browser", "--output", str(tmp_path / "m.csv"))
+        assert "<canvas" in page and status == 0
+
+
+def test_without_a_browser_the_address_is_all_there_is(run: Path) -> None:
+    _, out, err, status = started("play", str(run), BROWSER="/bin/false", DISPLAY="", WAYLAND_DISPLAY="", PATH="")
+    assert status == 0 and out.startswith("http://")
+    assert "no browser could be started here; open the address above in one" in err
+
+
+def refusal(*arguments: str) -> str:
+    return refused(CliRunner().invoke(main, list(arguments)))
+
+
+def test_a_run_without_a_model_is_refused(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene.h5").write_bytes((run / "scene.h5").read_bytes())
+    assert "basis.h5 does not exist; run `ldsim pca` first" in refusal("play", str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["nothing", "nothing/at/all"])
+def test_a_folder_that_is_no_run_is_refused(tmp_path: Path, name: str) -> None:
+    assert "is not the folder of a run" in refusal("play", str(tmp_path / name))
+
+
+def test_a_port_in_use_is_refused(run: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert f"port {port}: it is in use; choose another" in refusal("play", str(run), "--port", str(port))
+
+
+def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
+    given = config(tmp_path)
+    for arguments, words in (
+        (["record", str(tmp_path / "no.yaml")], "does not exist"),
+        (["record", str(tmp_path / "no.mesh")], "no.mesh"),
+        (["record", str(given), "--play", str(tmp_path / "no.csv")], "no.csv cannot be read"),
+        (["record", str(given), "--mesh", str(tmp_path / "no.mesh")], "no.mesh"),
+        (["record", str(given), "--resolution", "24"], "up to 3000 can be recorded on by hand"),
+        (["record", str(given), "--output", str(tmp_path / "no" / "m.csv")], "cannot be written"),
+    ):
+        assert words in refusal(*arguments, "--no-browser")

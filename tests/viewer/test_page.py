@@ -1,0 +1,257 @@
+"""The page in a real browser: it draws what the server steps, and its hand is felt as the Python API says."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ldsim.mechanics.recording import read_recording
+from ldsim.simulator import Simulator, full_simulator, load
+from ldsim.viewer.playground import play_server, record_server
+from ldsim.viewer.recorder import Recorder
+from ldsim.viewer.server import Server
+from tests.simulator.playable import solid, write_playable
+from tests.viewer.browser import CHROMIUM, Tab, chromium
+from tests.viewer.served import served
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (apt-get install chromium)")
+
+Array = NDArray[np.float64]
+READY = "window.ldsim !== undefined && ldsim.ready"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_playable(folder, resolution=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(run: Path) -> Server:
+    return play_server(run, ["latent"], 0, until_closed=False)
+
+
+@pytest.fixture(scope="module")
+def url(server: Server) -> Iterator[str]:
+    with served(server) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Tab]:
+    with chromium() as tab:
+        tab.size(640, 480)
+        yield tab
+
+
+@pytest.fixture
+def tab(browser: Tab, url: str) -> Iterator[Tab]:
+    """The page, freshly opened, paused at rest without gravity; it must not have complained by the end."""
+    yield from opened(browser, url)
+
+
+def opened(browser: Tab, url: str) -> Iterator[Tab]:
+    browser.complaints.clear()
+    browser.requests.clear()
+    browser.open(url)
+    browser.wait(READY)
+    click(browser, "fold")
+    still(browser)
+    yield browser
+    assert browser.complaints == []
+    hosts = {urlsplit(address).hostname for address in browser.requests if not address.startswith("data:")}
+    assert hosts == {"127.0.0.1"}
+
+
+def click(tab: Tab, name: str) -> None:
+    tab.evaluate(f"document.getElementById('{name}').click()")
+
+
+def still(tab: Tab) -> None:
+    if not tab.evaluate("document.getElementById('pause').title.startsWith('Go on')"):
+        click(tab, "pause")
+    if tab.evaluate("document.getElementById('gravity').checked"):
+        click(tab, "gravity")
+    tab.wait(
+        "document.getElementById('pause').title.startsWith('Go on') && !document.getElementById('gravity').checked"
+    )
+    click(tab, "reset")
+    tab.wait("ldsim.q(0).every((x) => x === 0)")
+
+
+def positions(tab: Tab, space: int = 0) -> Array:
+    return np.array(tab.evaluate(f"ldsim.positions({space})")).reshape(-1, 3)
+
+
+def expected(sim: Simulator) -> Array:
+    moved: Array = (sim.scene.mesh.vertices + sim.displacement())[sim.surface.vertices]
+    return moved
+
+
+def facing_vertex(tab: Tab, sim: Simulator) -> tuple[int, tuple[float, float]]:
+    """A vertex far from the pins that the pointer hits, and where it is in the window."""
+    rest = sim.surface.rest
+    tip = rest[:, 0].max()
+    corner = min(np.flatnonzero(rest[:, 0] > tip - 1e-9), key=lambda i: tab.evaluate(f"ldsim.screen(0, {i})[1]"))
+    x, y = tab.evaluate(f"ldsim.screen(0, {corner})")
+    mx, my = tab.evaluate(f"ldsim.place(0, {rest[rest[:, 0] > tip - 1e-9].mean(axis=0).tolist()})")
+    return int(corner), (x + 0.3 * (mx - x), y + 0.3 * (my - y))
+
+
+def test_the_page_draws_what_the_api_computes(tab: Tab, run: Path) -> None:
+    sim = load(run)
+    np.testing.assert_allclose(positions(tab), sim.surface.rest, atol=1e-7)
+    click(tab, "gravity")
+    for _ in range(5):
+        click(tab, "step")
+    sim.step(5)
+    assert np.abs(sim.displacement()).max() > 1e-3
+    difference = f"Math.max(...ldsim.q(0).map((x, i) => Math.abs(x - {sim.coordinates.tolist()}[i])))"
+    tab.wait(f"{difference} < 1e-6")
+    np.testing.assert_allclose(positions(tab), expected(sim), atol=1e-6)
+    assert 0 < tab.evaluate("ldsim.bytes") <= 4096
+
+
+def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, run: Path, server: Server) -> None:
+    sim = load(run)
+    sim.gravity = (0, 0, 0)
+    _, (x, y) = facing_vertex(tab, sim)
+    to = (x - 30, y - 60)
+    tab.mouse("mousePressed", (x, y))
+    tab.mouse("mouseMoved", (x - 10, y - 30))
+    tab.mouse("mouseMoved", to)
+    tab.wait("ldsim.grabs === 1")
+    (held,) = server._session._held.values()
+    end = time.monotonic() + 60
+    while not np.allclose(tab.evaluate(f"ldsim.place(0, {held.target.tolist()})"), to, atol=1.5):
+        assert time.monotonic() < end, "the target is not where the pointer is"
+    sim.set_grabs(server._session._shown[0].grabs)
+    for _ in range(15):
+        click(tab, "step")
+    sim.step(15)
+    assert np.abs(sim.displacement()).max() > 1e-3
+    difference = f"Math.max(...ldsim.q(0).map((x, i) => Math.abs(x - {sim.coordinates.tolist()}[i])))"
+    tab.wait(f"{difference} < 1e-6")
+    np.testing.assert_allclose(positions(tab), expected(sim), atol=1e-6)
+    before = np.hypot(*(np.array((x, y)) - to))
+    after = np.hypot(*(np.array(tab.evaluate(f"ldsim.place(0, {held.handles[0].centroid.tolist()})")) - to))
+    assert after < before
+    tab.mouse("mouseReleased", to)
+    tab.wait("ldsim.grabs === 0")
+
+
+def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, run: Path, server: Server) -> None:
+    _, at = facing_vertex(tab, load(run))
+    to = (at[0], at[1] - 50)
+    tab.mouse("mousePressed", at, shift=True)
+    tab.mouse("mouseMoved", to, shift=True)
+    tab.mouse("mouseReleased", to, shift=True)
+    tab.wait("ldsim.grabs === 1")
+    time.sleep(0.3)
+    assert tab.evaluate("ldsim.grabs") == 1
+    tab.mouse("mousePressed", to)
+    tab.mouse("mouseReleased", to)
+    tab.wait("ldsim.grabs === 0")
+
+
+def test_a_finger_pulls_too(tab: Tab, run: Path) -> None:
+    _, (x, y) = facing_vertex(tab, load(run))
+    tab.touch("touchStart", [(x, y)])
+    tab.touch("touchMove", [(x, y - 40)])
+    tab.wait("ldsim.grabs === 1")
+    tab.touch("touchEnd", [])
+    tab.wait("ldsim.grabs === 0")
+
+
+def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(tab: Tab) -> None:
+    before = tab.evaluate("ldsim.screen(0, 0)")
+    tab.mouse("mousePressed", (10, 470))
+    tab.mouse("mouseMoved", (60, 440))
+    tab.mouse("mouseMoved", (110, 420))
+    tab.mouse("mouseReleased", (110, 420))
+    tab.wait(f"Math.hypot(ldsim.screen(0, 0)[0] - {before[0]}, ldsim.screen(0, 0)[1] - {before[1]}) > 5")
+    assert tab.evaluate("ldsim.grabs") == 0
+
+
+def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint(tab: Tab) -> None:
+    for name in ("Linear", "Full"):
+        tab.evaluate(f"[...document.querySelectorAll('.space')].find((b) => b.textContent === '{name}').click()")
+        tab.wait(f"[...document.querySelectorAll('.space[aria-pressed=true]')].some((b) => b.textContent === '{name}')")
+    tab.wait("ldsim.ready && document.querySelectorAll('#statistics tr').length === 3")
+    click(tab, "gravity")
+    click(tab, "pause")
+    for colour in ("displacement", "energy", "stress", "distrust", "plain"):
+        tab.evaluate(
+            f"(() => {{ const c = document.getElementById('colour'); c.value = '{colour}'; c.onchange(); }})()"
+        )
+        drawn = tab.evaluate("ldsim.drawn")
+        tab.wait(f"ldsim.drawn > {drawn + 1}")
+        if colour in ("energy", "stress"):
+            tab.wait("!document.getElementById('high').textContent.includes('…')")
+    for name in ("points", "wireframe", "theme"):
+        click(tab, name)
+        drawn = tab.evaluate("ldsim.drawn")
+        tab.wait(f"ldsim.drawn > {drawn}")
+        click(tab, name)
+    for name in ("Linear", "Full"):
+        tab.evaluate(f"[...document.querySelectorAll('.space')].find((b) => b.textContent === '{name}').click()")
+    tab.wait("document.querySelectorAll('#statistics tr').length === 1")
+
+
+def test_a_lost_connection_is_told_and_taken_up_again(tab: Tab) -> None:
+    tab.evaluate("ldsim.disconnect()")
+    tab.wait("document.body.classList.contains('lost')")
+    assert "connection is lost" in tab.evaluate("document.getElementById('notice').textContent")
+    tab.wait("!document.body.classList.contains('lost')")
+    frame = tab.evaluate("ldsim.frame")
+    tab.wait(f"ldsim.frame > {frame}")
+
+
+def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, run: Path) -> None:
+    for tab in opened(browser, url + "?decode=gpu"):
+        assert tab.evaluate("ldsim.gpu") is True
+        click(tab, "gravity")
+        for _ in range(6):
+            click(tab, "step")
+        sim = load(run)
+        sim.step(6)
+        difference = f"Math.max(...ldsim.q(0).map((x, i) => Math.abs(x - {sim.coordinates.tolist()}[i])))"
+        tab.wait(f"{difference} < 1e-6")
+        decoded = np.array(tab.evaluate("ldsim.decoded(0)")).reshape(-1, 3)
+        np.testing.assert_allclose(decoded, expected(sim), atol=1e-6)
+
+
+def test_a_pull_is_recorded_in_the_browser_and_played_back(browser: Tab, tmp_path: Path) -> None:
+    body = solid(1)
+    recorder = Recorder(tmp_path / "motion.csv", 25.0, 0.05, {"recorded_on": "beam"})
+    with served(record_server(body, "beam", recorder, 0, until_closed=False)) as url:
+        for tab in opened(browser, url):
+            click(tab, "record")
+            tab.wait("document.body.classList.contains('recording')")
+            _, (x, y) = facing_vertex(tab, full_simulator(body))
+            for _ in range(3):
+                click(tab, "step")
+            tab.mouse("mousePressed", (x, y))
+            tab.mouse("mouseMoved", (x, y - 60))
+            tab.wait("ldsim.grabs === 1")
+            for _ in range(10):
+                click(tab, "step")
+            tab.wait("ldsim.q(0).some((x) => Math.abs(x) > 1e-3)")
+            tab.mouse("mouseReleased", (x, y - 60))
+            tab.wait("ldsim.grabs === 0")
+            click(tab, "record")
+            tab.wait("document.getElementById('file').textContent.includes('13 frames')")
+            motion = read_recording(tmp_path / "motion.csv", "m")
+            assert [(drag.start, drag.stop) for drag in motion.drags] == [(3, 13)]
+            click(tab, "replay")
+            tab.wait("document.getElementById('replay').textContent.includes('Stop')")
+            for _ in range(14):
+                click(tab, "step")
+            tab.wait("document.getElementById('replay').textContent.includes('Play')")
