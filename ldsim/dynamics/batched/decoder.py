@@ -26,7 +26,6 @@ _BY_NAME = {
     "relu": Activation(torch.relu, lambda y: (y > 0).to(y.dtype), torch.zeros_like),
     "sigmoid": Activation(torch.sigmoid, lambda y: y * (1 - y), lambda y: y * (1 - y) * (1 - 2 * y)),
     "tanh": Activation(torch.tanh, lambda y: 1 - y * y, lambda y: -2 * y * (1 - y * y)),
-    "sigmoid": Activation(torch.sigmoid, lambda y: y * (1 - y), lambda y: y * (1 - y) * (1 - 2 * y)),
 }
 BY_NUMBER = {number: _BY_NAME[name] for name, number in ACTIVATIONS.items()}
 
