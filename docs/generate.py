@@ -109,7 +109,7 @@ def settings_page() -> str:
     """docs/settings.md: one table a stage."""
     schema = Settings.model_json_schema()
     properties = schema["properties"]
-    text = MADE.format(source="ldsim/settings.py") + SETTINGS_INTRODUCTION
+    text = MADE.format(source="ldsim/settings/") + SETTINGS_INTRODUCTION
     text += "\n## experiment\n\n" + _settings_table(_rows("experiment", properties["experiment"], schema, True))
     for stage in STAGES:
         section = _resolved(properties[stage], schema)

@@ -1,0 +1,145 @@
+"""The sections of the stages, and the experiment that they make up."""
+
+from __future__ import annotations
+
+import random
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ldsim.settings.motions import MotionSettings
+from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
+from ldsim.settings.section import Positive, Section
+
+STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
+
+
+class SnapshotSettings(Section):
+    """Full-space runs that the model learns from and is judged on."""
+
+    motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What happens to the solid.")
+    heldout_share: float = Field(
+        0.0, ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."
+    )
+    heldout_seed: int = Field(0, ge=0, description="Of the choice of these.")
+    tolerance: Positive = Field(1e-6, description="Stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.")
+    method: Literal["lbfgs", "newton"] = Field("lbfgs", description="L-BFGS, or Newton with clamped Hessians.")
+    linear_solver: Literal["auto", "direct", "multigrid"] = Field(
+        "auto", description="Of the sparse systems; auto takes a direct factor where it fits in memory."
+    )
+    quasistatic: bool = Field(False, description="Leave inertia out: every frame is an equilibrium.")
+    factor_cost: int = Field(25, ge=1, description="Cost of a factorisation, in iterations of L-BFGS.")
+    max_iterations: int = Field(500, ge=1, description="Of the minimiser in one step.")
+    workers: int = Field(2, ge=1, description="Motions that run side by side.")
+
+    @model_validator(mode="after")
+    def _distinct(self) -> SnapshotSettings:
+        names = [motion.name for motion in self.motions]
+        if len(set(names)) < len(names):
+            raise ValueError(f"motions must have different names, got {', '.join(names)}")
+        if "train" not in self.roles:
+            raise ValueError("at least one motion must have the role train")
+        return self
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The role of each motion, given or chosen."""
+        open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
+        count = max(round(self.heldout_share * len(open_)), 1) if self.heldout_share > 0 and open_ else 0
+        chosen = random.Random(self.heldout_seed).sample(open_, count)
+        return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
+
+
+class PcaSettings(Section):
+    k: int | None = Field(None, ge=1, description="Dimension; left out, the criterion finds it.")
+    criterion: Literal["max_error", "mean_error", "energy"] = Field(
+        "max_error", description="What the tolerance is of: vertex error (largest, mean), or energy lost."
+    )
+    tolerance_mm: Positive = Field(1.0, description="Vertex error over the training snapshots, mm.")
+    energy: float = Field(1e-4, gt=0, lt=1, description="Share of the snapshots' squared norm that may be lost.")
+    max_k: int = Field(100, ge=1, description="Largest dimension that the criterion may lead to.")
+    inner_product: Literal["mass", "euclidean"] = Field("mass", description="In which U is orthonormal.")
+
+
+class TrainSettings(Section):
+    r: int | None = Field(None, ge=1, description="Latent dimension; left out, the smallest that meets the tolerance.")
+    tolerance_mm: Positive = Field(6.0, description="Largest vertex error that the search allows, mm.")
+    hidden: tuple[Annotated[int, Field(ge=1, le=2000)], ...] = Field(
+        (100, 100), min_length=1, description="Widths of the hidden layers of the decoder."
+    )
+    activation: Literal["elu", "relu", "tanh", "sigmoid"] = Field("elu", description="Of the hidden layers.")
+    skip: bool = Field(False, description="A linear skip in the decoder, q = A z + N(z) − N(0).")
+    balance: float = Field(
+        0.5, ge=0, le=1, description="The loss weights each coordinate by its r.m.s. to −balance; 0 is the paper's."
+    )
+    equilibrium: float = Field(
+        3.0, ge=0, description="Weight of how far forces at decoded poses would move the solid; 0 for none."
+    )
+    equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
+    equilibrium_poses: int = Field(400, ge=1, description="Training poses that it looks at.")
+    noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
+    variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
+    smoothness: float = Field(0.0, ge=0, description="Weight of the decoder's curvature between poses; 0 for none.")
+    epochs: int = Field(2000, ge=1, description="Passes over the training snapshots.")
+    batch: int = Field(64, ge=1, description="Snapshots in one gradient.")
+    learning_rate: float = Field(2e-3, gt=0, lt=1, description="Of Adam, falling along a cosine.")
+    validation_share: float = Field(0.03, gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
+    patience: int = Field(500, ge=1, description="Epochs without a better validation loss before stopping.")
+    seed: int = Field(0, ge=0, description="Of weights, split and batches.")
+    device: str = Field("auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
+
+
+class CubatureSettings(Section):
+    method: Literal["exchange", "ecsw", "an", "nn_htp", "uniform"] = Field(
+        "exchange", description="How the points are found (docs/cubature.md)."
+    )
+    project: Literal["latent", "linear"] = Field(
+        "latent", description="Forces of the latent set: through the decoder's Jacobian, or in the space of U."
+    )
+    norm: Literal["compliance", "force"] = Field(
+        "compliance", description="Forces measured by the displacement energy they cause at rest, or by their size."
+    )
+    tolerance: float = Field(0.045, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+    max_points: int = Field(150, ge=1, description="Most points of the latent set.")
+    linear_max_points: int = Field(500, ge=1, description="Most points of the linear set.")
+    poses: int = Field(400, ge=1, description="Poses of the training motions to fit.")
+    heldout_poses: int = Field(200, ge=1, description="Poses of the training motions kept back from the fit.")
+    perturbed: float = Field(0.0, ge=0, le=1, description="Perturbed states fitted too, as a share of the poses.")
+    perturbation: Positive = Field(0.1, description="Their distance from poses, in standard deviations of the poses.")
+    tangent: float = Field(0.0, ge=0, description="Weight of the tangent stiffness in the fit; 0 leaves it out.")
+    energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
+    closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
+    volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
+    candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
+    threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
+    seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")
+
+
+class SimulateSettings(Section):
+    motions: tuple[str, ...] | None = Field(None, description="Which motions; left out, all.")
+    points: int | None = Field(None, ge=1, description="The largest latent set of at most so many; left out, the best.")
+    linear_points: int | None = Field(None, ge=1, description="The same for the linear set.")
+    tolerance: Positive = Field(1e-8, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")
+    max_iterations: int = Field(200, ge=1, description="Of one reduced step.")
+    full_frames: int = Field(100, ge=1, description="Frames of the full space to time, from the first grab on.")
+    material: MaterialChangeSettings | None = Field(
+        None, description="Another material than that of the scene, for all motions; no errors are computed then."
+    )
+    window: Positive = Field(0.25, description="Restart from the full space this often for the windowed error, s.")
+
+
+class ReportSettings(Section):
+    pictures: int = Field(3, ge=0, le=12, description="Moments to show, full beside linear and latent.")
+
+
+class Settings(Section):
+    """One experiment."""
+
+    experiment: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name; files lie in runs/<experiment>/.")
+    mesh: MeshSettings
+    snapshot: SnapshotSettings
+    pca: PcaSettings = PcaSettings()  # type: ignore[call-arg]
+    train: TrainSettings = TrainSettings()  # type: ignore[call-arg]
+    cubature: CubatureSettings = CubatureSettings()  # type: ignore[call-arg]
+    simulate: SimulateSettings = SimulateSettings()  # type: ignore[call-arg]
+    report: ReportSettings = ReportSettings()  # type: ignore[call-arg]
