@@ -106,10 +106,9 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOp
             f"the worker on {socket.gethostname()} does not see {lease.folder} as it is here; all workers need the "
             "folder of --runs at the same path, on a disk that they share"
         )
-    with one_thread():
+    store = MotionStore(lease.folder, motion)
+    with one_thread(), store.owned():
         scene, _ = read_scene(scene_path)
-        store = MotionStore(lease.folder, motion)
-        store.own()
         identity = run_identity(scene_path, motion, options)
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
         if checkpoint is None:

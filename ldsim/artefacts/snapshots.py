@@ -230,12 +230,15 @@ class MotionStore:
         self._checkpoint_path = folder / f"{motion.name}.checkpoint.h5"
         self._lock_path = folder / f"{motion.name}.lock"
 
-    def own(self) -> None:
-        """Wait until no other process runs this motion, and keep others from it as long as this store lives."""
+    @contextlib.contextmanager
+    def owned(self) -> Iterator[None]:
+        """Wait until no other process runs this motion, and keep others from it for the block."""
         with writing(self._lock_path):
             self._folder.mkdir(parents=True, exist_ok=True)
-            self._lock = self._lock_path.open("w")
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            lock = self._lock_path.open("w")
+        with lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
 
     def write_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint."""

@@ -18,10 +18,10 @@ COMMANDS = {
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
-    "export": "Write a run's motion or model for other programs.",
-    "paper": "Make the paper's tables and figures again.",
     "play": "Pull a finished run in the browser.",
     "record": "Pull a coarse mesh in the browser and record a motion.",
+    "export": "Write a run's motion or model for other programs.",
+    "paper": "Make the paper's tables and figures again.",
     "info": "Print an artefact's header and contents.",
     "settings": "Check a configuration and print it with defaults.",
 }

@@ -19,7 +19,7 @@ SCHEDULER = click.Option(
 
 
 @stage_command("snapshot", "Run the motions in the full space; interrupted, it goes on where it was.", SCHEDULER)
-def command(run: Run, scheduler: str | None) -> None:
+def command(run: Run, scheduler: str | None = None) -> None:
     settings = run.settings.snapshot
     scene, header = read_scene(run.path("scene"))
     run.check("scene", header)

@@ -96,7 +96,7 @@ class Experiment:
 
     def _files(self) -> Iterator[Path]:
         for path in sorted(self.run.rglob("*")):
-            if path.is_file() and "snapshots.partial" not in path.parts:
+            if path.is_file() and not any(part.endswith(".partial") for part in path.parts):
                 yield path
 
 

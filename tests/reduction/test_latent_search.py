@@ -89,7 +89,7 @@ def test_the_table_tells_a_training_of_its_own_from_leading_codes() -> None:
     found = Counted(12, alone=8, among=9).search()
     assert found.tried[-1].tolist() == [7, 1000.0, 0.0]
     assert found.tried[0].tolist() == [12, 0.0, 0.0]
-    assert found.own.tolist() == [False, False, False, False, True, True]
+    assert found.own.tolist() == [False, False, False, False, False, True, True]
 
 
 def test_a_given_size_is_trained_once_and_says_whether_it_met_the_tolerance() -> None:
