@@ -34,7 +34,7 @@ from ldsim.reduction.pca import inner_product
 from ldsim.reduction.reconstruction import all_coordinates
 from ldsim.threads import one_thread
 
-DIMENSIONS = (12, 16, 20, 25, 30, 35, 40, 50, 60)
+DIMENSIONS = (25, 30, 35, 40, 45, 50, 60)
 QUICK = (20, 30, 40)
 TOLERANCE = 0.03
 STOP = 1e-8
