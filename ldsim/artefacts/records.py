@@ -141,7 +141,7 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
     if model.search_own is not None:
         datasets["search_own"] = model.search_own
     if model.trust is not None:
-        datasets |= {"trust/landmarks": model.trust.landmarks, "trust/whitening": model.trust.whitening}
+        datasets |= {"trust/landmarks": model.trust.landmarks, "trust/reach": model.trust.reach}
         datasets["trust/threshold"] = model.trust.threshold
     for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
         datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias
@@ -172,7 +172,7 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
 
 
 def _trust(group: h5py.Group) -> Trust:
-    return Trust(group["landmarks"][:], group["whitening"][:], float(group["threshold"][()]))
+    return Trust(group["landmarks"][:], float(group["reach"][()]), float(group["threshold"][()]))
 
 
 def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:

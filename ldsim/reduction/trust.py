@@ -1,7 +1,9 @@
 """How far a latent state is from what the model was trained on: a score for every step, and from where on to warn.
 
-The score is the distance to the nearest of some training codes, the landmarks, in units of the spread of the training
-codes (a nearest-neighbour novelty score; Ramaswamy et al. 2000). Rest is a landmark too.
+The score is the distance to the nearest of some training codes, the landmarks, as a multiple of what is usual among
+them (a nearest-neighbour novelty score; Ramaswamy et al. 2000). Rest is a landmark too. Lengths in z mean what
+they mean in q, because the latent space is scaled so after training; whitened codes would magnify directions in which
+the training motions hardly moved.
 """
 
 from __future__ import annotations
@@ -30,37 +32,32 @@ class Trust:
     """What the score is computed from.
 
     Attributes:
-        landmarks: whitened training codes, (L, r) float64.
-        whitening: W with W z whitened, (r, r) float64; scaled so that 99 % of the training codes score at most 1.
+        landmarks: training codes, (L, r) float64.
+        reach: the distance to the nearest landmark that 99 % of the training codes stay within.
         threshold: the score from which on to warn.
     """
 
     landmarks: Array
-    whitening: Array
+    reach: float
     threshold: float
 
     def __call__(self, z: Array) -> Array:
         """Scores of codes (N, r); (N,) float64, NaN where a code is not finite."""
-        scores: Array = np.array([score(self.landmarks, self.whitening, row) for row in np.ascontiguousarray(z)])
+        scores: Array = np.array([distance(self.landmarks, row) for row in np.ascontiguousarray(z)]) / self.reach
         return scores
 
 
 @njit(cache=True, nogil=True)
-def score(landmarks: Array, whitening: Array, z: Array) -> float:
-    """Distance of W z to the nearest landmark; a few thousand multiplications, no allocation but one of r numbers."""
-    r = z.shape[0]
-    x = np.zeros(r)
-    for i in range(r):
-        for j in range(r):
-            x[i] += whitening[i, j] * z[j]
+def distance(landmarks: Array, z: Array) -> float:
+    """Distance of z to the nearest landmark, NaN where z is not finite; a few thousand multiplications."""
     least = math.inf
     for l in range(landmarks.shape[0]):
         total = 0.0
-        for i in range(r):
-            difference = landmarks[l, i] - x[i]
+        for i in range(z.shape[0]):
+            difference = landmarks[l, i] - z[i]
             total += difference * difference
         least = min(least, total)
-    return math.sqrt(least) if math.isfinite(x.sum()) else math.nan
+    return math.sqrt(least) if math.isfinite(z.sum()) else math.nan
 
 
 def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Trust:
@@ -75,21 +72,18 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
         q, unseen: coordinates of the training and the held-out snapshots, (N, k); unseen may be empty.
     """
     z = encoder(q)
-    centred = z - z.mean(axis=0)
-    values, vectors = np.linalg.eigh(centred.T @ centred / len(z))
-    whitening = (vectors / np.sqrt(np.maximum(values, 1e-6 * values[-1]))).T
     # At most every second code is a landmark, so that the others tell how far apart neighbours are.
-    landmarks = _spread(np.vstack([np.zeros((1, z.shape[1])), z @ whitening.T]), min(LANDMARKS, len(z) // 2 + 1))
-    scale = max(float(np.quantile(Trust(landmarks, whitening, 0.0)(z), 0.99)), 1e-6)
-    trust = Trust(landmarks / scale, whitening / scale, 2.0)
+    landmarks = _spread(np.vstack([np.zeros((1, z.shape[1])), z]), min(LANDMARKS, len(z) // 2 + 1))
+    usual = float(np.quantile(Trust(landmarks, 1.0, 0.0)(z), 0.99))
+    trust = Trust(landmarks, max(usual, 1e-6 * float(np.abs(z).max()), np.finfo(float).tiny), 2.0)
     if len(unseen) == 0:
         return trust
-    usual = float(np.quantile(np.linalg.norm(decoder(z) - q, axis=1), USUAL))
+    well = float(np.quantile(np.linalg.norm(decoder(z) - q, axis=1), USUAL))
     poses = unseen[:: max(len(unseen) // POSES, 1)]
     guesses = encoder(poses)
     codes = np.array([nearest_latent(decoder, a, b) for a, b in zip(poses, guesses, strict=True)])
-    bad = np.linalg.norm(decoder(codes) - poses, axis=1) > FACTOR * usual
-    return Trust(trust.landmarks, trust.whitening, _separating(trust(codes), bad, trust.threshold))
+    bad = np.linalg.norm(decoder(codes) - poses, axis=1) > FACTOR * well
+    return Trust(trust.landmarks, trust.reach, _separating(trust(codes), bad, trust.threshold))
 
 
 def _spread(points: Array, most: int) -> Array:
@@ -104,8 +98,9 @@ def _spread(points: Array, most: int) -> Array:
 
 def _separating(scores: Array, bad: NDArray[np.bool_], otherwise: float) -> float:
     """The score that separates bad poses from good ones best; `otherwise` where there is only one kind."""
-    if bad.all() or not bad.any():
+    ordered = np.unique(scores)
+    if bad.all() or not bad.any() or len(ordered) < 2:
         return otherwise
-    candidates = np.unique(scores)
+    candidates = 0.5 * (ordered[1:] + ordered[:-1])
     hits = np.array([(scores[bad] >= c).mean() - (scores[~bad] >= c).mean() for c in candidates])
     return float(candidates[hits.argmax()])

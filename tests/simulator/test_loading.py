@@ -75,7 +75,7 @@ def test_an_artefact_of_another_scene_is_refused(own_run: Path) -> None:
 def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_them(own_run: Path) -> None:
     assert np.isnan(load(own_run).distrust)
     model, _ = read_model(own_run / "model.h5")
-    trust = Trust(np.zeros((1, R)), 2 * np.eye(R), 0.25)
+    trust = Trust(np.zeros((1, R)), 0.5, 0.25)
     write_model(own_run / "model.h5", header(own_run, "model", activation="elu"), replace(model, trust=trust))
     cubature, _ = read_cubature(own_run / "cubature.h5")
     write_cubature(own_run / "cubature.h5", header(own_run, "cubature"), cubature)
