@@ -1,4 +1,4 @@
-"""One thread for small linear algebra: OpenBLAS pools that wait for each other cost a hundredfold (dependencies.md).
+"""One thread for small linear algebra: OpenBLAS pools that wait for each other cost a hundredfold.
 
 Large loops that release the interpreter's lock (compiled kernels, matrix products) may share out the cores instead.
 """

@@ -1,4 +1,4 @@
-"""Imports go one way, and each third-party package has its owner (design.md)."""
+"""Imports go one way, and each third-party package has its owner."""
 
 from __future__ import annotations
 

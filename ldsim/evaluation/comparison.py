@@ -1,6 +1,6 @@
 """The spaces side by side: the same motion in the full, the linear and the latent space, timed and judged.
 
-Rules of measurement (design.md): one process, one thread, the same stop rule; each reduced space with the fastest of
+Rules of measurement: one process, one thread, the same stop rule; each reduced space with the fastest of
 its minimisers, found on a trial stretch that also serves as warm-up; errors against the full-space snapshots.
 """
 

@@ -1,4 +1,4 @@
-"""report.json: every number of a finished run, by the contract of design.md."""
+"""report.json: every number of a finished run."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import pytest
 
 from ldsim.evaluation.paper import PAPER_TABLE_1, paper_row
 
-# The ratios and their geometric mean as listed in shared/reference/paper_facts.md.
+# The ratios and their geometric mean.
 RATIOS = {"beam": 1.28, "x": 1.13, "armadillo": 1.67, "dragon": 1.07, "elephant": 1.00}
 
 
