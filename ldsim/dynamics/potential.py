@@ -1,4 +1,4 @@
-"""The incremental potential of one implicit Euler step in the full space (paper, Eq. 8; design.md, One idea)."""
+"""The incremental potential of one implicit Euler step in the full space (paper, Eq. 8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quadrature points: all that the mechanics sees of a mesh (design.md, One idea).
+"""Quadrature points: all that the mechanics sees of a mesh.
 
 Point s has nodes, shape-function gradients ∂N_a/∂X (1/m) and a weight (m³): one point a tet4, 2×2×2 a hex8.
 """

@@ -2,7 +2,7 @@
 
 φ(z) = N(z) − N(0) + A z: a multilayer perceptron N (paper, Sec. 4.3) without its value at zero, so that φ(0) = 0 to the
 last bit, and an optional linear skip A, kept as Aᵀ so that every loop over it runs along memory. The paper's decoder
-has neither; without the first it has no z for the rest shape (paper_facts.md, Fig. 9).
+has neither; without the first it has no z for the rest shape (its Fig. 9).
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def equilibrium_shift(model: Autoencoder, along: Projectors, batch: torch.Tensor
     The forces at the decoded pose q̂ differ from the true ones by K̃(q̂ − q) + excess. The latent equilibrium answers
     by the Newton step −(JᵀK̃J)⁻¹Jᵀ(K̃(q̂ − q) + excess), in outer coordinates P(q̂ − q) + offset: the part of the error
     that Galerkin projection turns into motion. A stiff error without a soft one to go with it costs nothing here, and
-    raw forces (findings.md) weigh exactly that.
+    raw forces weigh exactly that.
     """
     error = model(along.poses[batch]) - along.poses[batch]
     shift = torch.bmm(along.matrices[batch], error[:, :, None])[:, :, 0] + along.offsets[batch]

@@ -12,7 +12,7 @@ from ldsim.evaluation.experiments.sizes import _share_of_gain, grid_relations
 from ldsim.evaluation.experiments.timing import table_relations
 from ldsim.solvers.solution import Reason, Solution
 
-# Figure 7 of the paper, raw, largest error in mm (shared/reference/paper_facts.md), r 3 at every k "about 43".
+# Figure 7 of the paper, raw, largest error in mm data of its authors, r 3 at every k "about 43".
 PAPER_GRID = {6: {3: 43.0, 6: 34.7}, 10: {3: 43.0, 6: 18.8, 10: 16.1}, 20: {3: 43.0, 6: 15.4, 10: 11.8}}
 
 
