@@ -87,7 +87,7 @@ def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened:
     opened.wait("playground.stepper.q.some((q) => q !== 0)")
     assert opened.complaints == []
     assert set(opened.requests) == {page.resolve().as_uri()}
-    assert "iterations" in opened.evaluate("document.getElementById('numbers').textContent")
+    opened.wait("document.getElementById('numbers').textContent.includes('iterations')")
 
 
 @pytest.mark.parametrize("space", ["latent", "linear"])
