@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced import Method, Options, step
+from ldsim.dynamics.advance import advance, model_reference, springs_reference
+from ldsim.dynamics.reduced import Method, Options
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
@@ -22,6 +23,7 @@ WINDOW = 8
 # Iterations that making the current tangent costs, and after which a step gives its preconditioner up. BFGS mends its
 # preconditioner by itself.
 RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 15, Method.NEWTON: 0}
+REASONS = {int(reason): reason for reason in Reason}
 RENEWAL = {Method.LBFGS: 12, Method.BFGS: 25, Method.NEWTON: 1}
 
 
@@ -130,7 +132,7 @@ class ReducedStepper:
             elements.kind[points],
             elements.mu[points],
             elements.lam[points],
-            inertia,
+            _diagonal(inertia),
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
         )
@@ -139,12 +141,16 @@ class ReducedStepper:
         self._own_force = self._model.force.copy()
         self._load = U.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", self._U, scene.vertex_mass)
-        self._method = method
+        self._gravity: Array | None = None
+        self._identity = np.eye(decoder.r)
+        self._renewal_cost = RENEWAL_COST[method]
         renewal = RENEWAL[method] if current else max_iterations
         self._options = Options(tolerance, max_iterations, int(method), current, renewal)
         self._work = make_work(decoder)
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
+        self._reference = model_reference(self._model, self._options, self._work)
+        self._springs_reference = springs_reference(self._springs)
 
     def step(
         self, state: ReducedState, grabs: Sequence[Grab], gravity: Array | None = None
@@ -154,35 +160,45 @@ class ReducedStepper:
         Args:
             gravity: (3,) float64, m/s²; None for the scene's own.
         """
-        self._model.force[:] = self._own_force if gravity is None else self._load + self._weight @ gravity
-        held = tuple(grab.vertices for grab in grabs)
-        renew = state.H is None or state.excess > RENEWAL_COST[self._method] or not _same(held, state.held)
-        H = np.eye(len(state.z)) if state.H is None else state.H.copy()
-        z = state.z.copy()
-        iterations, evaluations, reason, value, norm = step(
-            self._model,
-            self.springs(grabs),
-            2 * state.q - state.q_previous,
+        self._set_gravity(gravity)
+        r, k = len(state.z), len(state.q)
+        held = tuple([grab.vertices for grab in grabs])
+        renew = state.H is None or state.excess > self._renewal_cost or not _same(held, state.held)
+        new = np.empty(2 * r + k + r * r)
+        self.springs(grabs)
+        iterations, evaluations, reason, value, norm = advance(
+            self._reference,
+            self._springs_reference,
+            state.z,
+            state.z_previous,
+            state.q,
+            state.q_previous,
             state.guess,
-            z,
-            H,
+            self._identity if state.H is None else state.H,
             renew,
-            self._options,
-            self._work,
+            new,
         )
-        q, solution = self._work.q.copy(), Solution(value, norm, iterations, evaluations, Reason(reason))
-        guess = z + 2 * (z - state.z) - (state.z - state.z_previous)
+        solution = Solution(value, norm, iterations, evaluations, REASONS[reason])
+        z, guess, q = new[:r], new[r : 2 * r], new[2 * r : 2 * r + k]
         if renew and iterations == 0:  # nothing was factorised, so the next step must
             return ReducedState(z, state.z, q, state.q, guess), solution
         fresh = iterations if renew else state.fresh_iterations
         excess = 0 if renew else state.excess + max(iterations - fresh, 0)
+        H = new[2 * r + k :].reshape(r, r)
         return ReducedState(z, state.z, q, state.q, guess, H, held, fresh, excess), solution
+
+    def _set_gravity(self, gravity: Array | None) -> None:
+        if gravity is None and self._gravity is None:
+            return
+        self._gravity = gravity
+        self._model.force[:] = self._own_force if gravity is None else self._load + self._weight @ gravity
 
     def set_material_scale(self, scale: float) -> None:
         """Multiply the Lamé parameters that the model was built with, and the rest stiffness, by a positive number."""
         base = self._base
         metric = base.metric + (scale - 1) * self._stiffness
         self._model = self._model._replace(mu=scale * base.mu, lam=scale * base.lam, metric=metric)
+        self._reference = model_reference(self._model, self._options, self._work)
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""
@@ -190,6 +206,7 @@ class ReducedStepper:
         if not _same(held, self._springs_of):
             self._springs = self._make_springs(grabs)
             self._springs_of = held
+            self._springs_reference = springs_reference(self._springs)
         for i, grab in enumerate(grabs):
             self._springs.target[i] = grab.target
             self._springs.stiffness[i] = grab.stiffness
@@ -212,6 +229,13 @@ class ReducedStepper:
 def _same(left: Sequence[NDArray[np.int64]], right: Sequence[NDArray[np.int64]]) -> bool:
     """Whether both hold the same arrays, which a drag keeps from frame to frame."""
     return len(left) == len(right) and all(a is b for a, b in zip(left, right, strict=True))
+
+
+def _diagonal(matrix: Array) -> Array:
+    """The diagonal (1, k) of a matrix with nothing else but rounding, or the matrix."""
+    diagonal = np.diagonal(matrix)
+    rest = np.abs(matrix - np.diag(diagonal)).max()
+    return np.ascontiguousarray(diagonal[None]) if rest <= 1e-13 * diagonal.min() else matrix
 
 
 def make_work(decoder: Decoder) -> Work:

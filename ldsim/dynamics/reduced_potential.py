@@ -28,7 +28,8 @@ class Reduced(NamedTuple):
     """A reduced model, as the compiled step reads it.
 
     layers: the decoder. G (c, 9, k): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
-    (k, k): M̃/h². metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force (k,): Uᵀ f_ext, N.
+    (k, k): M̃/h², or its diagonal (1, k) where that is all. metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force
+    (k,): Uᵀ f_ext, N.
     """
 
     layers: Layers
@@ -158,7 +159,7 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
     for j in range(k):
         offset[j] = q[j] - predictor[j]
     for j in range(k):
-        momentum = inner(model.inertia[j], offset)
+        momentum = model.inertia[0, j] * offset[j] if model.inertia.shape[0] == 1 else inner(model.inertia[j], offset)
         force[j] = momentum - model.force[j]
         value += 0.5 * offset[j] * momentum - model.force[j] * q[j]
     value += _add_springs(springs, q, force)
@@ -170,10 +171,13 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
 
 @njit(cache=True, nogil=True)
 def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
-    """H = J metric Jᵀ for J (r, k), by way of product = J metric."""
+    """H = J metric Jᵀ for J (r, k), by way of product = J metric; a metric of one row is diagonal."""
     r, k = J.shape
     for a in range(r):
         row = product[a]
+        if metric.shape[0] == 1:
+            row[:] = metric[0] * J[a]
+            continue
         row[:] = 0.0
         for i in range(k):
             x = J[a, i]
@@ -205,10 +209,14 @@ def current_tangent(model: Reduced, work: Work) -> None:
     J, H, X, T = work.jacobian, work.hessian, work.directions, work.stressed
     r = J.shape[0]
     identity = model.layers.sizes.shape[0] == 1
-    if identity:
+    if not identity:
+        _project_metric(model.inertia, J, work.product, H)
+    elif model.inertia.shape[0] > 1:
         H[:] = model.inertia
     else:
-        _project_metric(model.inertia, J, work.product, H)
+        H[:] = 0.0
+        for a in range(r):
+            H[a, a] = model.inertia[0, a]
     for s in range(model.weights.shape[0]):
         G = model.G[s]
         U, V, D, O = tangent(model.kind[s], _deformation(G, work.q), model.mu[s], model.lam[s], True)
