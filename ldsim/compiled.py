@@ -10,10 +10,13 @@ import contextlib
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 KEPT = 8
+# Folders used this lately are kept whatever their number, for another process may be writing to them.
+LATELY_S = 24 * 3600.0
 # The packages whose kernels call one another; what lies above them may only call in.
 NUMERICS = ("mechanics", "solvers", "reduction", "dynamics")
 
@@ -27,7 +30,8 @@ def use_kernel_cache() -> None:
     with contextlib.suppress(OSError):
         if not folder.is_dir():
             folder.mkdir(parents=True)
-            _forget_oldest(root)
+            forget_oldest(root)
+        os.utime(folder)
         os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
@@ -40,7 +44,9 @@ def source_state(packages: Sequence[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _forget_oldest(root: Path) -> None:
-    folders = sorted((path for path in root.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
-    for folder in folders[:-KEPT]:
-        shutil.rmtree(folder, ignore_errors=True)
+def forget_oldest(root: Path) -> None:
+    """Delete the folders that nobody used lately, but for the newest few."""
+    used = sorted((path.stat().st_mtime, path) for path in root.iterdir() if path.is_dir())
+    for time_used, folder in used[:-KEPT]:
+        if time.time() - time_used > LATELY_S:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from ldsim.compiled import source_state
+from ldsim.compiled import KEPT, LATELY_S, forget_oldest, source_state
 
 
 @pytest.fixture
@@ -37,3 +38,13 @@ def test_numba_is_pointed_to_that_folder_unless_told_otherwise(tmp_path: Path) -
         command = [sys.executable, "-c", code]
         run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment | extra)
         assert run.stdout.startswith(expected)
+
+
+def test_only_folders_that_are_old_and_many_are_forgotten(tmp_path: Path) -> None:
+    now = time.time()
+    for i in range(KEPT + 4):
+        (tmp_path / str(i)).mkdir()
+        age = LATELY_S * (2 if i < 3 else 0.5)
+        os.utime(tmp_path / str(i), (now - age, now - age))
+    forget_oldest(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {str(i) for i in range(3, KEPT + 4)}

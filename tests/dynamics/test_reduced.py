@@ -113,6 +113,16 @@ def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> N
 
 
 @pytest.mark.parametrize("options", MINIMISERS, ids=str)
+def test_another_basis_of_the_same_space_takes_the_same_steps(options: dict[str, object]) -> None:
+    U = some_basis(TET, 6)
+    mixed = U @ (np.eye(6) + 0.3 * np.random.default_rng(2).normal(size=(6, 6)))
+    diagonal = stepper(TET, U, Decoder.identity(6), tolerance=1e-11, **options)
+    dense = stepper(TET, mixed, Decoder.identity(6), tolerance=1e-11, **options)
+    for a, b in zip(run(diagonal, pull(TET), 8), run(dense, pull(TET), 8), strict=True):
+        np.testing.assert_allclose(dense.displacement(b), diagonal.displacement(a), atol=1e-8)
+
+
+@pytest.mark.parametrize("options", MINIMISERS, ids=str)
 @pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
 def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[str, object]) -> None:
     U = some_basis(TET, 6)

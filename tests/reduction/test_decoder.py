@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.reduction.decoder import ACTIVATIONS, Decoder
+from ldsim.reduction.decoder import ACTIVATIONS, Decoder, _elu
 from ldsim.reduction.encoder import Encoder, nearest_latent
 from tests.helpers import derivative_order
 
@@ -70,6 +70,15 @@ def test_the_network_agrees_with_plain_matrix_algebra() -> None:
     perceptron = Encoder(tuple(decoder.weights), tuple(decoder.biases))
     z = np.random.default_rng(5).normal(size=(4, 3))
     np.testing.assert_allclose(decoder(z), perceptron(z), rtol=1e-12, atol=1e-14)
+
+
+def test_the_exponential_unit_is_exact_to_rounding_at_every_size() -> None:
+    sizes = 10.0 ** np.linspace(-300, 3, 2000)
+    x = np.concatenate([-sizes, sizes, [0.0, -0.0, -np.inf, np.inf, np.nan], np.linspace(-5, 5, 1001)])
+    y = x.copy()
+    _elu(y)
+    expected = np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
+    np.testing.assert_allclose(y, expected, rtol=4e-16, atol=1e-300)
 
 
 def test_the_nearest_latent_state_of_a_decoded_one_is_found() -> None:
