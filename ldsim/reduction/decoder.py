@@ -215,8 +215,6 @@ class Decoder:
             raise ValueError(f"the skip has shape {skip.shape}; expected (r, k) = ({sizes[0]}, {sizes[-1]})")
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])
-        if skip is not None and skip.shape != (sizes[0], sizes[-1]):
-            raise ValueError(f"the skip has shape {skip.shape}; expected (r, k) = ({sizes[0]}, {sizes[-1]})")
         matrix = np.empty((0, 0)) if skip is None else np.ascontiguousarray(skip, dtype=np.float64)
         zero, nothing = np.zeros(sizes[-1]), np.empty((0, 0))
         layers = Layers(sizes, flat, offsets, zero, nothing, ACTIVATIONS[activation])
