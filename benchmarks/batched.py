@@ -7,14 +7,13 @@ serial stepper, which takes the same steps one instance after another. `--quick`
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import torch
+from results_file import write_results
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.dynamics.batched import BatchedState, BatchedStepper
@@ -123,19 +122,9 @@ def main(folder: Path, sizes: tuple[int, ...]) -> None:
 
 
 def write(folder: Path, rows: list[dict[str, object]], quick: bool) -> None:
-    described = describe_machine()
-    machine = {key: value for key, value in described.items() if key != "versions"}
-    machine["gpu"] = torch.cuda.get_device_name() if torch.cuda.is_available() else None
-    content = {
-        "machine": machine,
-        "versions": described["versions"],
-        "command": f"python benchmarks/batched.py runs/{folder.name}{' --quick' if quick else ''}",
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "rows": rows,
-    }
-    path = Path(__file__).parent / "results" / f"batched_{folder.name}.json"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    command = f"python benchmarks/batched.py runs/{folder.name}{' --quick' if quick else ''}"
+    write_results(f"batched_{folder.name}", command, rows, machine=describe_machine() | {"gpu": gpu})
 
 
 if __name__ == "__main__":

@@ -11,9 +11,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from results_file import write_results
+
 Report = dict[str, Any]
 
-RESULTS = Path(__file__).parent / "results" / "pipeline.json"
 SPACES = ("full", "linear", "latent")
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
@@ -162,16 +163,7 @@ def main(folders: list[Path]) -> None:
         if row["goal"] is not None:
             print(f"{row['model']}: {row['quantity']} = {number(row['value'])} {row['unit']}, goal {row['goal']}")
     command = "python benchmarks/pipeline.py " + " ".join(f"runs/{folder.name}" for folder in folders)
-    machine = {key: value for key, value in reports[0]["machine"].items() if key != "versions"}
-    RESULTS.parent.mkdir(exist_ok=True)
-    content = {
-        "machine": machine,
-        "versions": reports[0]["machine"]["versions"],
-        "command": command,
-        "created": reports[-1]["created"],
-        "rows": rows,
-    }
-    RESULTS.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_results("pipeline", command, rows, machine=reports[0]["machine"], created=reports[-1]["created"])
 
 
 if __name__ == "__main__":

@@ -8,16 +8,14 @@ fails where a state is not finite or further from rest than the simulator allows
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import sys
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from results_file import write_results
 
-from ldsim.evaluation.machine import describe_machine
 from ldsim.simulator import SPACES, Handle, Simulator, load
 from ldsim.simulator.simulator import BOUND
 from ldsim.threads import one_thread
@@ -76,25 +74,12 @@ def main() -> None:
     for row in rows:
         print(f"{row['model']:12} {row['quantity']:28} {row['value']:>10} {row['unit']}")
     if not given.quick:
-        _write(rows)
+        write_results("soak", "python " + " ".join(sys.argv), rows)
 
 
 def _memory_mb() -> float:
     """Largest resident memory so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
-
-
-def _write(rows: list[dict[str, object]]) -> None:
-    machine = describe_machine()
-    content = {
-        "machine": {key: value for key, value in machine.items() if key != "versions"},
-        "versions": machine["versions"],
-        "command": "python " + " ".join(sys.argv),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "rows": rows,
-    }
-    path = Path(__file__).parent / "results" / "soak.json"
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -6,22 +6,20 @@ thread, and judged on every motion of the run. `--quick` takes three dimensions.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from results_file import write_results
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
 from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced, with_errors
-from ldsim.evaluation.machine import describe_machine
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
@@ -151,17 +149,7 @@ def write(model: str, table: list[Point], rows: list[dict[str, object]]) -> None
         for quantity, value, unit in (("median step", point.median_ms, "ms"), ("online error", point.online_error, "")):
             label = f"{quantity}, {point.space} {point.dimension}, {point.points} points, {point.motion}"
             rows.append({"model": model, "quantity": label, "value": value, "unit": unit, "goal": None})
-    described = describe_machine()
-    content = {
-        "machine": {key: value for key, value in described.items() if key != "versions"},
-        "versions": described["versions"],
-        "command": f"python benchmarks/step.py runs/{model}",
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "rows": rows,
-    }
-    path = Path(__file__).parent / "results" / f"step_{model}.json"
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_results(f"step_{model}", f"python benchmarks/step.py runs/{model}", rows)
 
 
 if __name__ == "__main__":

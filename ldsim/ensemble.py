@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import Checkpoint, Lease, MotionStore, motion_arrays
+from ldsim.artefacts.snapshots import motion_arrays
 from ldsim.artefacts.store import file_hash
 from ldsim.cluster import executor, result
 from ldsim.dynamics.full import FullState, FullStepper, run

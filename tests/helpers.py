@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import resource
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,26 +66,13 @@ def bent(mesh: Mesh, seed: int = 0, noise: float = 0.02) -> Array:
 
 
 def scene(
-    mesh: Mesh,
-    material: str = "neo_hookean",
-    youngs_modulus: float = 1e5,
-    poisson_ratio: float = 0.4,
-    density: float = 1000.0,
-    gravity: tuple[float, float, float] = (0.0, -9.81, 0.0),
-    time_step: float = 0.01,
+    mesh: Mesh, material: str = "neo_hookean", youngs_modulus: float = 1e5, poisson_ratio: float = 0.4, **given: Any
 ) -> Scene:
-    """A scene of one material, pinned where x is smallest."""
+    """A scene of one material, pinned where x is smallest; density, gravity and time step may be given by name."""
     x = mesh.vertices[:, 0]
-    return uniform_scene(
-        mesh,
-        x < x.min() + 1e-9,
-        material=material,
-        youngs_modulus=youngs_modulus,
-        poisson_ratio=poisson_ratio,
-        density=density,
-        gravity=gravity,
-        time_step=time_step,
-    )
+    numbers: dict[str, Any] = {"gravity": (0.0, -9.81, 0.0), "time_step": 0.01} | given
+    numbers |= {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
+    return uniform_scene(mesh, x < x.min() + 1e-9, material=material, **numbers)
 
 
 @contextlib.contextmanager

@@ -21,8 +21,9 @@ import yaml
 from distributed import Client, LocalCluster
 from numpy.typing import NDArray
 
+from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import Lease, Snapshots
+from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cluster import local_cluster
 from ldsim.ensemble import SolverOptions, run_motion, run_motions
 from ldsim.errors import MotionError, SolverError

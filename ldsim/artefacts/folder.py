@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ldsim.errors import ArtefactError
+from ldsim.artefacts.atomic import writing
 
 
 @contextlib.contextmanager
@@ -24,16 +24,11 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
     retired = path.with_name(f".{path.name}.{os.getpid()}.old")
     try:
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        yield temporary
-        _exchange(temporary, path, retired)
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
-        raise ArtefactError(
-            f"cannot write {path}: {reason}; free some space or choose another folder with --runs "
-            "(finished artefacts are untouched)"
-        ) from error
+        with writing(path):
+            shutil.rmtree(temporary, ignore_errors=True)
+            temporary.mkdir(parents=True)
+            yield temporary
+            _exchange(temporary, path, retired)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.store import creating, dataset_names
+from ldsim.artefacts.atomic import creating
+from ldsim.artefacts.store import dataset_names
 
 Arrays = Mapping[str, NDArray[np.generic]]
 

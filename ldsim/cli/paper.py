@@ -14,7 +14,8 @@ from typing import Any
 import click
 
 from ldsim import __version__
-from ldsim.artefacts.store import check_inputs, read_header, reading, replacing
+from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.store import check_inputs, read_header, reading
 from ldsim.cli.stage import FILES
 from ldsim.errors import ArtefactError, LdsimError, SettingsError
 from ldsim.evaluation.experiments.experiment import Outcome

@@ -12,6 +12,7 @@ from ldsim.cli.mesh import described_scene
 from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
 from ldsim.cli.stage import Run
 from ldsim.errors import SettingsError
+from ldsim.mechanics.motion import usual_grip
 from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.regions import Slab
@@ -19,7 +20,6 @@ from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import check_cells
 from ldsim.settings import load_settings
-from ldsim.simulator import usual_grip
 from ldsim.viewer.playground import record_server
 from ldsim.viewer.recorder import Recorder
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import signal
+import threading
 import webbrowser
 
 import click
@@ -25,9 +25,9 @@ def serve(server: Server, browser: bool) -> None:
 
 
 async def _serve(server: Server, browser: bool) -> None:
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with contextlib.suppress(NotImplementedError, ValueError, RuntimeError):
+    if threading.current_thread() is threading.main_thread():  # no other thread can take signals
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, server.end)
     await server.run(lambda url: _announce(url, browser))
 

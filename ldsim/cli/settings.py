@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ldsim import __version__
-from ldsim.artefacts.store import replacing
+from ldsim.artefacts.atomic import replacing
 from ldsim.errors import SettingsError
 from ldsim.settings import STAGES, dump, load_settings, stamp
 

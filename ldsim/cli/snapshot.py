@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
+from ldsim.artefacts.partial import MotionStore, write_snapshots
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import MotionStore, write_snapshots
 from ldsim.cli.motions import motion
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.linear_choice import choose

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.folder import replacing_folder
-from ldsim.artefacts.store import replacing
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb

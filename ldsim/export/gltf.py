@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ldsim.errors import ExportError
 from ldsim.evaluation.camera import upright
 from ldsim.evaluation.drawing import CLAY
 from ldsim.export.source import Playback, surface_of
@@ -62,19 +61,15 @@ def write_glb(playback: Playback, path: Path) -> None:
     Raises:
         ExportError: the motion is of the full space, which has no basis.
     """
-    if playback.U is None or playback.coordinates is None:
-        raise ExportError(
-            "glTF plays the columns of a basis and the full space has none; "
-            "use --space linear or latent, or the format ply or vtk"
-        )
+    U, coordinates = playback.reduced("glTF")
     surface = surface_of(playback.mesh)
     rest = playback.mesh.vertices[surface.vertices]
-    reach = np.abs(playback.coordinates).max(axis=0)
+    reach = np.abs(coordinates).max(axis=0)
     reach[reach == 0] = 1.0
-    modes = playback.U.reshape(playback.mesh.n_vertices, 3, -1)[surface.vertices] * reach
+    modes = U.reshape(playback.mesh.n_vertices, 3, -1)[surface.vertices] * reach
     buffer = _Buffer()
     primitive = _primitive(buffer, rest, surface.triangles, modes)
-    weights = (playback.coordinates / reach).astype("<f4").ravel()
+    weights = (coordinates / reach).astype("<f4").ravel()
     times = np.array([playback.time(frame) for frame in range(playback.frames)], dtype="<f4")
     sampler = {"input": buffer.add(times, bounds=True), "output": buffer.add(weights), "interpolation": "LINEAR"}
     _write_chunks(path, _document(playback, buffer, primitive, sampler), bytes(buffer.data))

@@ -60,6 +60,19 @@ class Playback:
     def mesh(self) -> Mesh:
         return self.scene.mesh
 
+    def reduced(self, format: str) -> tuple[Array, Array]:
+        """U and the coordinates of each frame, for a format that plays them.
+
+        Raises:
+            ExportError: the motion is of the full space, which has no basis.
+        """
+        if self.U is None or self.coordinates is None:
+            raise ExportError(
+                f"{format} plays the columns of a basis and the full space has none; "
+                "use --space linear or latent, or the format ply or vtk"
+            )
+        return self.U, self.coordinates
+
     def time(self, frame: int) -> float:
         """When a frame is, s."""
         return (frame + 1) * self.frame_seconds

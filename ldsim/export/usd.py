@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.errors import ExportError
 from ldsim.export.source import Playback, surface_of
+from ldsim.mesh.mesh import Mesh
 
 
 def write_usd(playback: Playback, path: Path) -> None:
@@ -21,11 +21,7 @@ def write_usd(playback: Playback, path: Path) -> None:
     # An optional dependency: `formats.FORMATS` says so before this is called.
     from pxr import Usd, UsdGeom, UsdSkel
 
-    if playback.U is None or playback.coordinates is None:
-        raise ExportError(
-            "USD plays the columns of a basis and the full space has none; "
-            "use --space linear or latent, or the format ply or vtk"
-        )
+    U, coordinates = playback.reduced("USD")
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     # USD's up is y or z; gravity along another axis leaves the solid lying.
@@ -34,8 +30,8 @@ def write_usd(playback: Playback, path: Path) -> None:
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(playback.frames - 1)
     stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/solid").GetPrim())
-    modes = _define_surface(stage, playback)
-    _define_motion(stage, modes, playback.coordinates)
+    modes = _define_surface(stage, playback.mesh, U)
+    _define_motion(stage, modes, coordinates)
     target = path.with_name(path.name + ".usdc")
     try:
         stage.Export(str(target))
@@ -44,20 +40,19 @@ def write_usd(playback: Playback, path: Path) -> None:
         target.unlink(missing_ok=True)
 
 
-def _define_surface(stage: Any, playback: Playback) -> list[str]:
+def _define_surface(stage: Any, solid: Mesh, U: NDArray[np.float64]) -> list[str]:
     """The mesh at /solid/surface and its blend shapes; returns their names."""
     from pxr import UsdGeom, UsdSkel, Vt
 
-    assert playback.U is not None
-    surface = surface_of(playback.mesh)
-    rest = playback.mesh.vertices[surface.vertices].astype(np.float32)
+    surface = surface_of(solid)
+    rest = solid.vertices[surface.vertices].astype(np.float32)
     mesh = UsdGeom.Mesh.Define(stage, "/solid/surface")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(rest))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(surface.triangles), 3, dtype=np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(surface.triangles.ravel()))
     mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([rest.min(axis=0), rest.max(axis=0)])))
-    modes = playback.U.reshape(playback.mesh.n_vertices, 3, -1)[surface.vertices].astype(np.float32)
+    modes = U.reshape(solid.n_vertices, 3, -1)[surface.vertices].astype(np.float32)
     names = [f"mode_{j}" for j in range(modes.shape[2])]
     binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     binding.CreateBlendShapesAttr(names)

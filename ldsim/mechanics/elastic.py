@@ -95,17 +95,6 @@ def point_stresses(elements: Elements, u: Array, stresses: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def inverted_points(elements: Elements, u: Array) -> int:
-    """The number of points with det F ≤ 0."""
-    count = 0
-    for s in range(elements.weights.shape[0]):
-        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
-        if determinant(F) <= 0.0:
-            count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
 def smallest_volume_ratio(elements: Elements, u: Array) -> tuple[int, float]:
     """The point where det F is smallest, or not a number, and its value."""
     worst, smallest = 0, np.inf

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import MotionError
+from ldsim.mechanics.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +134,11 @@ class Grab:
     vertices: NDArray[np.int64]
     target: NDArray[np.float64]
     stiffness: float
+
+
+def usual_grip(scene: Scene) -> tuple[float, float]:
+    """Stiffness, N/m, and radius, m, of a grab where none are given."""
+    return 0.01 * float(scene.mu.mean()) * scene.mesh.diagonal, 0.1 * scene.mesh.diagonal
 
 
 def held_vertices(

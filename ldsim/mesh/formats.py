@@ -19,7 +19,6 @@ from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
 from ldsim.mesh.triangles import Triangles
 
 CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
-MESHIO_TYPES = {ours: theirs for theirs, ours in CELL_TYPES.items()}
 # Numbers that formats mark their entities with, and what entities of each dimension are called.
 TAGS = ("gmsh:physical", "medit:ref")
 ENTITIES = ("points", "edges", "faces", "cells")
@@ -100,18 +99,6 @@ def naming(path: Path) -> Iterator[None]:
         yield
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
-
-
-def write_mesh(path: str | Path, mesh: Mesh) -> None:
-    """Write a mesh, in metres, in the format that the extension names.
-
-    Raises:
-        MeshError: the extension is unknown or the file cannot be written.
-    """
-    path = Path(path)
-    _check_extension(path)
-    with _quiet(), _as_mesh_error(path, "cannot be written"):
-        meshio.Mesh(mesh.vertices, [(MESHIO_TYPES[mesh.cell_type], mesh.cells)]).write(path)
 
 
 def _check_scale(path: Path, scale: float) -> None:

@@ -10,7 +10,7 @@
 
 from ldsim.simulator.loading import SPACES, full_simulator, load
 from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
-from ldsim.simulator.simulator import Handle, Simulator, usual_grip
+from ldsim.simulator.simulator import Handle, Simulator
 
 __all__ = [
     "SPACES",
@@ -22,5 +22,4 @@ __all__ = [
     "Surface",
     "full_simulator",
     "load",
-    "usual_grip",
 ]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldsim.dynamics.spaces import Dynamics
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.motion import Drag, Grab, held_vertices
+from ldsim.mechanics.motion import Drag, Grab, held_vertices, usual_grip
 from ldsim.mechanics.scene import Scene
 from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
 from ldsim.solvers.solution import Reason, Solution
@@ -51,12 +51,11 @@ class Handle:
 
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
-        grab = self._simulator.held(self._key)
-        self._simulator.replace_grab(self._key, replace(grab, target=_vector(target, "target", "m")))
+        self._simulator.move(self._key, target)
 
     def release(self) -> None:
         """Let go; a second time does nothing."""
-        self._simulator.replace_grab(self._key, None)
+        self._simulator.release(self._key)
 
 
 class Simulator:
@@ -150,11 +149,13 @@ class Simulator:
             raise MotionError("this grab was released; grab again")
         return self._grabs[key]
 
-    def replace_grab(self, key: int, grab: Grab | None) -> None:
-        """Put another grab in the place of one, or none."""
+    def move(self, key: int, target: ArrayLike) -> None:
+        """Pull the grab of a handle to another target, (3,) metres."""
+        self._grabs[key] = replace(self.held(key), target=_vector(target, "target", "m"))
+
+    def release(self, key: int) -> None:
+        """Let the grab of a handle go, if it is still held."""
         self._grabs.pop(key, None)
-        if grab is not None:
-            self._grabs[key] = grab
 
     def set_grabs(self, grabs: Sequence[Grab]) -> None:
         """Hold exactly these from now on, as a motion that is replayed does."""
@@ -206,8 +207,7 @@ class Simulator:
 
     def _step(self) -> StepRecord:
         started = time.perf_counter()
-        grabs = self.grabs
-        self._state, tries, outcome = self._attempt(grabs)
+        self._state, tries, outcome = self._attempt(self.grabs)
         self._number += 1
         self.counts[outcome] += 1
         self.last = StepRecord(
@@ -280,23 +280,15 @@ class Simulator:
         Raises:
             SolverError: it belongs to another space or model, is not finite, or is out of bounds.
         """
-        present, given = self.coordinates.shape, np.shape(self._safe_coordinates(saved))
+        if type(saved.state) is not type(self._state):
+            raise SolverError(f"the saved state is of another space than {self.space}")
+        present, given = self.coordinates.shape, self._dynamics.coordinates(saved.state).shape
         if present != given:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
         if not self._dynamics.extent(saved.state) <= self._limit:
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
         self._state, self._grabs, self._number = saved.state, dict(saved.grabs), saved.number
         self._change(saved.gravity, saved.material_scale)
-
-    def _safe_coordinates(self, saved: SavedState) -> Array:
-        if type(saved.state) is not type(self._state):
-            raise SolverError(f"the saved state is of another space than {self.space}")
-        return self._dynamics.coordinates(saved.state)
-
-
-def usual_grip(scene: Scene) -> tuple[float, float]:
-    """Stiffness, N/m, and radius, m, of a grab where none are given."""
-    return 0.01 * float(scene.mu.mean()) * scene.mesh.diagonal, 0.1 * scene.mesh.diagonal
 
 
 def _vector(value: ArrayLike, name: str, unit: str) -> Array:

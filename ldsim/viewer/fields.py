@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ldsim.mechanics.elastic import Elements, deformation_gradient
 from ldsim.mechanics.materials import energy_stress
+from ldsim.mechanics.materials.tensors import determinant
 from ldsim.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ def energy_and_stress(elements: Elements, points: NDArray[np.int64], u: Array, v
         s = points[i]
         F = deformation_gradient(elements.nodes, elements.gradients, s, u)
         values[0, i], P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
-        J = F[0] * (F[4] * F[8] - F[5] * F[7]) - F[1] * (F[3] * F[8] - F[5] * F[6]) + F[2] * (F[3] * F[7] - F[4] * F[6])
+        J = determinant(F)
         xx = (P[0] * F[0] + P[1] * F[1] + P[2] * F[2]) / J
         yy = (P[3] * F[3] + P[4] * F[4] + P[5] * F[5]) / J
         zz = (P[6] * F[6] + P[7] * F[7] + P[8] * F[8]) / J

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, get_args
 
 from ldsim.errors import LdsimError
 
@@ -110,24 +110,7 @@ class Replay:
 
 
 Message = Grab | Move | Release | Gravity | Stiffness | Speed | Pause | Step | Reset | Spaces | Colour | Record | Replay
-KINDS: dict[str, type[Message]] = {
-    kind.__name__.lower(): kind
-    for kind in (
-        Grab,
-        Move,
-        Release,
-        Gravity,
-        Stiffness,
-        Speed,
-        Pause,
-        Step,
-        Reset,
-        Spaces,
-        Colour,
-        Record,
-        Replay,
-    )
-}
+KINDS: dict[str, type[Message]] = {kind.__name__.lower(): kind for kind in get_args(Message)}
 
 
 def _number(value: Any) -> float:

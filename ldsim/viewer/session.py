@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import LdsimError
-from ldsim.simulator import Handle, Outcome, Simulator
+from ldsim.simulator import Handle, Simulator
 from ldsim.viewer import protocol
 from ldsim.viewer.fields import FIELDS, SurfaceField
-from ldsim.viewer.payload import MAX_GRABS, GrabFrame, SpaceFrame, field_bytes, frame_bytes, space_block
+from ldsim.viewer.payload import MAX_GRABS, GrabFrame, field_bytes, frame_bytes, space_block
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.state import Audience, Held, Look, Statistics
+from ldsim.viewer.state import Audience, Held, Look, Statistics, space_frame
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,6 @@ FIELD_EVERY = 0.1
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
 COLOURS = ("plain", "displacement", *FIELDS, "distrust")
-OUTCOMES = tuple(Outcome)
 
 
 class Session:
@@ -136,32 +135,15 @@ class Session:
             self._audience.status(self.status())
         self._statistics = self._statistics or [Statistics() for _ in self._shown]
         for simulator, statistics in zip(self._shown, self._statistics, strict=True):
-            record = simulator.step()
-            statistics.seconds.append(record.seconds)
-            statistics.iterations.append(record.iterations)
-            statistics.evaluations.append(record.evaluations)
-            if OUTCOMES.index(record.outcome) > OUTCOMES.index(statistics.worst):
-                statistics.worst = record.outcome
+            statistics.add(simulator.step())
         self._simulated += self._shown[0].scene.time_step
 
     def publish(self) -> None:
         """Send the present frame, and now and then the colours."""
         self._number += 1
-        spaces = []
-        for i, simulator in enumerate(self._shown):
-            statistics = self._statistics[i] if self._statistics else Statistics([0.0], [0], [0])
-            spaces.append(
-                SpaceFrame(
-                    self._coordinates(simulator),
-                    1e3 * float(np.median(statistics.seconds)),
-                    float(np.mean(statistics.iterations)),
-                    float(np.mean(statistics.evaluations)),
-                    OUTCOMES.index(statistics.worst),
-                    sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
-                    simulator.distrust,
-                )
-            )
-        grabs = [self._grab_frame(key, held) for key, held in self._held.items()]
+        present = self._statistics or [Statistics([0.0], [0], [0]) for _ in self._shown]
+        spaces = [space_frame(*pair) for pair in zip(self._shown, present, strict=True)]
+        grabs = [GrabFrame(key, held.target, [h.centroid for h in held.handles]) for key, held in self._held.items()]
         recorder = self.recorder
         flags = self.look.paused + (0 if recorder is None else 2 * recorder.recording + 4 * recorder.replaying)
         self._audience.frame(frame_bytes(self._number, self._simulated, self.look.speed, flags, spaces, grabs))
@@ -179,15 +161,6 @@ class Session:
         self._high = max(largest, 0.98 * self._high)
         for i, values in enumerate(fields):
             self._audience.colours(i, field_bytes(i, values, 0.0, self._high))
-
-    def _coordinates(self, simulator: Simulator) -> NDArray[np.float32]:
-        q = simulator.coordinates
-        if simulator.basis is None:
-            q = q.reshape(-1, 3)[simulator.surface.vertices].ravel()
-        return q.astype(np.float32)
-
-    def _grab_frame(self, key: int, held: Held) -> GrabFrame:
-        return GrabFrame(key, held.target, [handle.centroid for handle in held.handles])
 
     def status(self) -> dict[str, object]:
         """All that the page shows besides the frames."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
     StoredBasis,
     StoredCubature,
@@ -23,7 +24,7 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.simulation import read_simulation, write_simulation
-from ldsim.artefacts.snapshots import Checkpoint, MotionStore, Snapshots, write_snapshots
+from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion, Support

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ldsim.artefacts import store
+from ldsim.artefacts import atomic, partial, store
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
 from ldsim.artefacts.store import Header, check_inputs, dataset_names, file_hash, read_header, reading
 from ldsim.errors import ArtefactError
@@ -219,7 +219,7 @@ def test_a_write_that_fails_at_the_end_leaves_the_artefact_that_was_there(
     kind: str, artefact: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = artefact.read_bytes()
-    monkeypatch.setattr(store.os, "replace", no_space)
+    monkeypatch.setattr(atomic.os, "replace", no_space)
     with pytest.raises(ArtefactError, match="cannot write .*No space left on device"):
         EXAMPLES[kind].write(artefact, header(kind))
     assert artefact.read_bytes() == before
@@ -254,7 +254,7 @@ def test_an_interrupted_write_leaves_the_artefact_that_was_there(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(store, "check_datasets", interrupt)
-    monkeypatch.setattr("ldsim.artefacts.snapshots.check_datasets", interrupt)
+    monkeypatch.setattr(partial, "check_datasets", interrupt)
     with pytest.raises(KeyboardInterrupt):
         EXAMPLES[kind].write(artefact, header(kind))
     assert artefact.read_bytes() == before

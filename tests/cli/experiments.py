@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,3 +109,16 @@ def refused(result: Result) -> str:
     assert lines[-1].startswith("error: ")
     assert "Traceback" not in result.output
     return lines[-1].removeprefix("error: ")
+
+
+def refusal(experiment: Experiment, command: str) -> str:
+    """The refusal of a command, after which all finished files are what they were."""
+    before = experiment.finished()
+    message = refused(experiment.invoke(command))
+    assert experiment.finished() == before
+    return message
+
+
+def change(path: str, value: object) -> Callable[[Experiment], None]:
+    """What changes one key of the configuration of an experiment."""
+    return lambda experiment: experiment.change(path, value)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
     StoredBasis,
     StoredCubature,
@@ -24,8 +25,8 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.simulation import read_simulation, write_simulation
-from ldsim.artefacts.snapshots import Checkpoint, MotionStore, Snapshots, write_snapshots
-from ldsim.artefacts.store import Header, file_hash
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.evaluation.comparison import with_errors
 from ldsim.evaluation.finished_run import FinishedRun
@@ -48,14 +49,6 @@ FRAMES = {"pull_1": 14, "push": 11}
 ROLES = {"pull_1": "train", "push": "heldout"}
 FULL_FRAMES = 6
 LOST_FROM = 5
-STAGES = {
-    "scene": "mesh",
-    "snapshots": "snapshot",
-    "basis": "pca",
-    "model": "train",
-    "cubature": "cubature",
-    "simulation": "simulate",
-}
 CONFIG = f"""
 experiment: {NAME}
 mesh:
@@ -106,10 +99,10 @@ def finished_run(folder: Path) -> Iterator[FinishedRun]:
 
 def _header(folder: Path, kind: str, **notes: str | float | int) -> Header:
     """A header with the hashes of everything written before."""
-    inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGES if (folder / f"{name}.h5").is_file()}
-    number = list(STAGES).index(kind)
+    inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGE_OF if (folder / f"{name}.h5").is_file()}
+    number = list(STAGE_OF).index(kind)
     cost: dict[str, float] = {"seconds": 1.5 + number, "peak_memory_mb": 100.25 + number}
-    return Header(kind, "", inputs, 0, {"experiment": NAME, "stage": STAGES[kind], **cost, **notes})
+    return Header(kind, "", inputs, 0, {"experiment": NAME, "stage": STAGE_OF[kind], **cost, **notes})
 
 
 def _modes(scene: Scene) -> Array:

@@ -10,8 +10,8 @@ from ldsim.mechanics.elastic import (
     add_elastic_gradient,
     deformation_gradient,
     elastic_energy,
-    inverted_points,
     point_stresses,
+    smallest_volume_ratio,
     vertex_rotations,
 )
 from ldsim.mechanics.materials import MATERIALS
@@ -61,7 +61,7 @@ def test_the_bent_state_is_far_from_rest_and_nowhere_inverted(body: Scene) -> No
     u = bent(body.mesh)
     F = np.array([deformation_gradient(*body.elements[:2], s, u) for s in range(body.points.n_points)])
     assert np.abs(F - np.eye(3).ravel()).max() > 0.3
-    assert inverted_points(body.elements, u) == 0
+    assert smallest_volume_ratio(body.elements, u)[1] > 0
 
 
 def test_the_gradient_is_the_derivative_of_the_energy(body: Scene) -> None:
@@ -150,7 +150,7 @@ def test_a_state_with_an_inverted_cell_has_infinite_energy_if_the_material_forbi
     for name in ("neo_hookean", "stable_neo_hookean"):
         body = solid(name, "tet4")
         u = -2.0 * body.mesh.vertices * [1, 0, 0]
-        assert inverted_points(body.elements, u) == body.points.n_points
+        assert smallest_volume_ratio(body.elements, u)[1] == pytest.approx(-1.0)
         expected = name == "neo_hookean"
         assert np.isinf(elastic_energy(body.elements, u)) == expected
         assert np.isinf(add_elastic_gradient(body.elements, u, np.zeros_like(u))) == expected

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -39,6 +41,7 @@ MATRICES = {
     "large": 1e8 * Q @ np.diag([3.0, 2.0, 1.0]) @ R,
     "small": 1e-8 * Q @ np.diag([3.0, 2.0, -1.0]) @ R,
     "permuted": np.array([[0.0, 2, 0], [0, 0, 3], [1, 0, 0]]),
+    **{f"diagonal {stretches}": np.diag(stretches) for stretches in permutations((3.0, 2.0, -1.0))},
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +12,8 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MeshError
-from ldsim.mesh.formats import read_mesh, read_surface, write_mesh
+from ldsim.mesh.formats import CELL_TYPES, read_mesh, read_surface
+from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.repair import repaired
 from ldsim.mesh.shapes import CUBE_CORNERS, beam, cross
 from tests.mesh.surfaces import is_closed_and_oriented, surface_of
@@ -24,6 +27,14 @@ TET_EXTENSIONS = [".xml", ".ele", ".cgns"]
 SURFACE_EXTENSIONS = [".stl", ".obj", ".ply", ".off", ".vtk", ".msh"]
 TET = np.array([[0, 1, 2, 3]])
 POINTS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [2, 1, 1], [1, 2, 1], [1, 1, 2]])
+
+
+def write(path: Path, mesh: Mesh) -> None:
+    """Write a mesh in the format that the extension names; what meshio prints goes nowhere."""
+    name = next(theirs for theirs, ours in CELL_TYPES.items() if ours == mesh.cell_type)
+    with contextlib.redirect_stdout(None), contextlib.redirect_stderr(None), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        meshio.Mesh(mesh.vertices, [(name, mesh.cells)]).write(path)
 
 
 def medit(points: np.ndarray, cells: list[tuple[str, np.ndarray]]) -> Callable[[Path], Path]:
@@ -47,7 +58,7 @@ def text(name: str, content: str) -> Callable[[Path], Path]:
 def truncated(extension: str, share: float) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         path = folder / f"cut{extension}"
-        write_mesh(path, beam(resolution=1))
+        write(path, beam(resolution=1))
         whole = path.read_bytes()
         path.write_bytes(whole[: int(share * len(whole))])
         return path
@@ -110,7 +121,7 @@ def test_a_scale_that_is_no_positive_number_is_refused(scale: float, tmp_path: P
 )
 def test_every_format_returns_the_mesh_that_was_written(extension: str, cell_type: str, tmp_path: Path) -> None:
     mesh = cross(resolution=1, cell_type=cell_type)
-    write_mesh(tmp_path / f"mesh{extension}", mesh)
+    write(tmp_path / f"mesh{extension}", mesh)
     back = read_mesh(tmp_path / f"mesh{extension}")
     assert back.mesh.cell_type == cell_type
     np.testing.assert_array_equal(back.mesh.cells, mesh.cells)
@@ -120,7 +131,7 @@ def test_every_format_returns_the_mesh_that_was_written(extension: str, cell_typ
 
 def test_the_scale_multiplies_the_coordinates(tmp_path: Path) -> None:
     mesh = beam(resolution=1)
-    write_mesh(tmp_path / "mesh.vtu", mesh)
+    write(tmp_path / "mesh.vtu", mesh)
     np.testing.assert_allclose(read_mesh(tmp_path / "mesh.vtu", 1e-3).mesh.vertices, mesh.vertices * 1e-3, rtol=1e-15)
 
 
@@ -135,13 +146,6 @@ def test_several_blocks_of_one_type_are_joined_and_surface_cells_ignored(tmp_pat
     cells = [("tetra", TET), ("triangle", TET[:, :3]), ("tetra", TET + 4)]
     meshio.Mesh(POINTS, cells).write(tmp_path / "blocks.vtu")
     np.testing.assert_array_equal(read_mesh(tmp_path / "blocks.vtu").mesh.cells, [[0, 1, 2, 3], [4, 5, 6, 7]])
-
-
-def test_an_extension_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MeshError, match="unknown extension '.docx'"):
-        write_mesh(tmp_path / "mesh.docx", beam(resolution=1))
-    with pytest.raises(MeshError, match="cannot be written"):
-        write_mesh(tmp_path / "nowhere" / "mesh.vtk", beam(resolution=1))
 
 
 # Two tets on a common face; a face of the first and the edges of another serve as parts of lower dimension.

@@ -16,7 +16,7 @@ from ldsim.artefacts.records import (
     write_model,
     write_scene,
 )
-from ldsim.artefacts.store import Header, file_hash
+from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.cubature.ladder import CubatureSet
@@ -28,7 +28,6 @@ from tests.helpers import scene
 Array = NDArray[np.float64]
 
 K, R, KP = 9, 4, 6
-STAGES = {"scene": "mesh", "basis": "pca", "model": "train", "cubature": "cubature"}
 
 
 def solid(resolution: int = 2) -> Scene:
@@ -77,5 +76,5 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
 
 def header(folder: Path, kind: str, **notes: str) -> Header:
     """A header with the hashes of everything written before."""
-    inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGES if (folder / f"{name}.h5").is_file()}
-    return Header(kind, "", inputs, 0, {"experiment": "playable", "stage": STAGES[kind], **notes})
+    inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGE_OF if (folder / f"{name}.h5").is_file()}
+    return Header(kind, "", inputs, 0, {"experiment": "playable", "stage": STAGE_OF[kind], **notes})

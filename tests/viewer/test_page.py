@@ -16,7 +16,7 @@ from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server
-from tests.simulator.playable import solid, write_playable
+from tests.simulator.playable import solid
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 from tests.viewer.served import served
 
@@ -24,13 +24,6 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 Array = NDArray[np.float64]
 READY = "window.ldsim !== undefined && ldsim.ready"
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    return folder
 
 
 @pytest.fixture(scope="module")

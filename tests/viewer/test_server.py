@@ -21,15 +21,8 @@ from ldsim.simulator import load
 from ldsim.viewer.payload import FRAME
 from ldsim.viewer.playground import play_server
 from ldsim.viewer.server import Server, ServerError
-from tests.simulator.playable import K, write_playable
+from tests.simulator.playable import K
 from tests.viewer.served import joined, origin, served
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    return folder
 
 
 @pytest.fixture(scope="module")

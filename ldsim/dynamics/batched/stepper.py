@@ -42,10 +42,6 @@ class BatchedState:
     q: Tensor
     q_previous: Tensor
 
-    def detached(self) -> BatchedState:
-        """The same numbers, without the history that gradients flow through."""
-        return BatchedState(self.z.detach(), self.z_previous.detach(), self.q.detach(), self.q_previous.detach())
-
     def of(self, instances: Tensor | slice) -> BatchedState:
         """The state of some instances."""
         return BatchedState(*(getattr(self, entry.name)[instances] for entry in fields(self)))

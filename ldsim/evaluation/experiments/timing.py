@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.evaluation.experiments.experiment import Bench, Outcome, Relation
@@ -81,12 +83,8 @@ def profile(bench: Bench) -> Outcome:
     """Figure 12: evaluations a step and the cost of one evaluation, linear and latent (armadillo)."""
     found = sides(bench, armadillo(bench.quick))
     linear, latent = found["linear"], found["latent"]
-    figure, ax = new_axes("", "evaluations a step", height=3.0)
-    ax.bar([0, 1], [linear.evaluations, latent.evaluations], 0.5, color=[LINEAR, LATENT])
-    for place, side in enumerate((linear, latent)):
-        text = f"{side.evaluation_us:.3g} µs each"
-        ax.annotate(text, (place, side.evaluations), ha="center", va="bottom", fontsize=9)
-    ax.set_xticks([0, 1], [f"linear, k = {linear.dimension}", f"latent, r = {latent.dimension}"])
+    texts = (f"{side.evaluation_us:.3g} µs each" for side in (linear, latent))
+    figure = _two_bars(linear, latent, (linear.evaluations, latent.evaluations), "evaluations a step", texts)
     relations = (
         Relation("evaluations a step, latent over linear", latent.evaluations / linear.evaluations, "< 1"),
         Relation("cost of an evaluation, latent over linear", latent.evaluation_us / linear.evaluation_us, ">= 1"),
@@ -99,12 +97,8 @@ def armadillo_speed(bench: Bench) -> Outcome:
     """Figure 13: the armadillo with r = 20 against the linear space of equal training error."""
     found = sides(bench, armadillo(bench.quick))
     linear, latent = found["linear"], found["latent"]
-    figure, ax = new_axes("", "median step, ms", height=3.0)
-    ax.bar([0, 1], [linear.step_ms, latent.step_ms], 0.5, color=[LINEAR, LATENT])
-    for place, side in enumerate((linear, latent)):
-        text = f"{side.points} points, error {100 * side.online_error:.3g} %"
-        ax.annotate(text, (place, side.step_ms), ha="center", va="bottom", fontsize=9)
-    ax.set_xticks([0, 1], [f"linear, k = {linear.dimension}", f"latent, r = {latent.dimension}"])
+    texts = (f"{side.points} points, error {100 * side.online_error:.3g} %" for side in (linear, latent))
+    figure = _two_bars(linear, latent, (linear.step_ms, latent.step_ms), "median step, ms", texts)
     relations = (
         Relation("r over kp", latent.dimension / linear.dimension, "< 1"),
         Relation("linear step over latent step", linear.step_ms / latent.step_ms, ">= 1.52"),
@@ -112,3 +106,13 @@ def armadillo_speed(bench: Bench) -> Outcome:
     )
     label = "Time of a step of the armadillo in the linear and the latent space"
     return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
+
+
+def _two_bars(linear: Side, latent: Side, heights: tuple[float, float], what: str, texts: Iterable[str]) -> Figure:
+    """A bar for the linear and one for the latent space, a text over each."""
+    figure, ax = new_axes("", what, height=3.0)
+    ax.bar([0, 1], heights, 0.5, color=[LINEAR, LATENT])
+    for place, (height, text) in enumerate(zip(heights, texts, strict=True)):
+        ax.annotate(text, (place, height), ha="center", va="bottom", fontsize=9)
+    ax.set_xticks([0, 1], [f"linear, k = {linear.dimension}", f"latent, r = {latent.dimension}"])
+    return figure

@@ -1,0 +1,125 @@
+"""Writing a file whole: it takes its name when all of it is written, or what was there before stays."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+
+from ldsim.errors import ArtefactError
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn the system's refusal to write into one line.
+
+    Raises:
+        ArtefactError: naming the path and the reason.
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
+        raise ArtefactError(
+            f"cannot write {path}: {reason}; free some space or choose another folder with --runs "
+            "(finished artefacts are untouched)"
+        ) from error
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path` that becomes `path` when the block ends well and is removed when it does not.
+
+    Raises:
+        ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(path)
+            yield temporary
+            os.replace(temporary, path)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove the temporary files of processes that were killed while they wrote this artefact."""
+    for leftover in path.parent.glob(f".{path.name}.*.partial"):
+        writer = leftover.name.split(".")[-2]
+        if writer.isdecimal() and not Path("/proc", writer).exists():
+            leftover.unlink(missing_ok=True)
+
+
+class _Sink(io.RawIOBase):
+    """The file below HDF5: seekable, and never failing, because HDF5 does not survive a failed write.
+
+    On a full disk HDF5 prints traces and crashes when Python ends. Here the first error is kept for `check`, and what
+    is written after it is lost; the file is then thrown away.
+    """
+
+    def __init__(self, stream: io.FileIO) -> None:
+        self._stream = stream
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first error of a write, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def write(self, data: memoryview) -> int:  # type: ignore[override]
+        rest = memoryview(data).cast("B")
+        size = len(rest)
+        while len(rest) and self._error is None:
+            try:
+                rest = rest[self._stream.write(rest) or 0 :]
+            except OSError as error:
+                self._error = error
+        return size
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        return self._stream.readinto(buffer) or 0
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._stream.truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return size or 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        return self._stream.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._stream.tell()
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+
+@contextlib.contextmanager
+def creating(path: Path) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes its name when whole.
+
+    Raises:
+        ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
+    """
+    with replacing(path) as temporary, open(temporary, "w+b", buffering=0) as stream:
+        sink = _Sink(stream)
+        with h5py.File(sink, "w") as file:
+            yield file
+            file.flush()
+            sink.check()
+        sink.check()

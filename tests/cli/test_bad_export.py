@@ -1,0 +1,50 @@
+"""An export that does not suit the run, or a run that is not whole, costs one line and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from ldsim.cli.main import main
+from tests.cli.experiments import Experiment, refused
+from tests.cli.spoiled import ARTEFACTS
+
+EXPORTS: dict[str, tuple[list[str], str]] = {
+    "an unknown format": (["--format", "vrml"], "unknown format 'vrml'; known are vtk, xdmf, gltf"),
+    "an unknown motion": (["--format", "gltf", "--motion", "c"], "unknown motion 'c'; known are a, b"),
+    "an unknown space": (["--format", "gltf", "--space", "outer"], "unknown space 'outer'; known are full, linear"),
+    "a basis of the full space": (["--format", "usd", "--space", "full"], "use --space linear or latent"),
+    "too few frames": (["--format", "ply", "--every", "99"], "leaves none of the 40 frames"),
+    "another suffix": (["--format", "gltf", "--output", "a.mp4"], "expected '.glb'"),
+    "a folder that exists": (["--format", "ply", "--output", "."], "exists already"),
+}
+
+
+@pytest.mark.parametrize("case", EXPORTS)
+def test_an_export_that_does_not_suit(experiment: Experiment, case: str) -> None:
+    options, words = EXPORTS[case]
+    if "usd" in options:
+        pytest.importorskip("pxr", reason="usd-core is not installed: pip install 'ldsim[usd]'")
+    before = experiment.finished()
+    message = refused(CliRunner().invoke(main, ["export", str(experiment.run), *options]))
+    assert words in message
+    assert experiment.finished() == before
+
+
+@pytest.mark.parametrize("file", ["scene.h5", "basis.h5", "model.h5", "cubature.h5", "snapshots.h5"])
+@pytest.mark.parametrize("case", ARTEFACTS)
+def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, case: str) -> None:
+    spoil, words = ARTEFACTS[case]
+    spoil(experiment.run / file)
+    before = experiment.finished()
+    message = refused(CliRunner().invoke(main, ["export", str(experiment.run), "--playground"]))
+    assert file in message
+    assert any(word in message for word in words), message
+    assert experiment.finished() == before
+
+
+def test_an_export_of_no_run(tmp_path: Path) -> None:
+    message = refused(CliRunner().invoke(main, ["export", str(tmp_path / "nothing"), "--format", "gltf"]))
+    assert "does not exist; expected a folder with scene.h5" in message

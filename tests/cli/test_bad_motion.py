@@ -1,0 +1,103 @@
+"""Motions and solvers that `ldsim snapshot` and the stages after it refuse in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.cli.experiments import TINY, Experiment, refusal
+
+RECORDING = """# spring_stiffness_n_per_m: 30
+# grab_radius_m: 0.03
+is_dragging,target_x,target_y,target_z,grabbed_x,grabbed_y,grabbed_z
+{rows}
+"""
+MISS = "\n".join(["0,0,0,0,0,0,0", "1,9,0,0,9,0,0", "1,9,0,0,9,0,0"])
+
+
+def recording(content: str | None) -> Callable[[Experiment], None]:
+    def spoil(experiment: Experiment) -> None:
+        if content is not None:
+            (experiment.folder / "a.csv").write_text(content, encoding="utf-8")
+        experiment.change("snapshot.motions", [{"name": "a", "recording": "a.csv"}])
+
+    return spoil
+
+
+def motions(*entries: dict[str, object]) -> Callable[[Experiment], None]:
+    return lambda experiment: experiment.change("snapshot.motions", list(entries))
+
+
+def moving(where: dict[str, object], *keyframes: dict[str, object]) -> dict[str, object]:
+    return {"where": where, "keyframes": list(keyframes)}
+
+
+FEET: dict[str, object] = {"slab": {"axis": "y", "thickness": 0.001}}
+TOP: dict[str, object] = {"slab": {"axis": "y", "at": "max", "thickness": 0.001}}
+MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
+    "missing": (recording(None), "a.csv does not exist"),
+    "empty": (recording(""), "holds no frames"),
+    "without a column": (recording("is_dragging,target_x\n1,2\n"), "lacks the column 'target_y'"),
+    "without a stiffness": (recording(RECORDING.format(rows=MISS).split("\n", 1)[1]), "needs a line '# spring_stiff"),
+    "not numbers": (recording(RECORDING.format(rows="1,a,b,c,d,e,f")), "does not hold seven numbers"),
+    "not finite": (recording(RECORDING.format(rows="1,nan,0,0,0,0,0")), "not finite"),
+    "a grab that hits no vertex": (recording(RECORDING.format(rows=MISS)), "hits no vertex"),
+    "a grab of pinned vertices": (recording(RECORDING.format(rows="1,0,-1,0,0.09,-0.075,0")), "only pinned vertices"),
+    "a path with one keyframe": (
+        motions({"name": "a", "script": {"moving_pins": [moving(FEET, {"time": 0})]}}),
+        "moving_pins.0.keyframes: a path needs at least two keyframes, got 1",
+    ),
+    "a path of what is not pinned": (
+        motions({"name": "a", "script": {"moving_pins": [moving(TOP, {"time": 0}, {"time": 1, "angle": 9})]}}),
+        "motion a: Slab(axis='y', at_max=True, thickness=0.001) holds no pinned vertex",
+    ),
+    "a path of an unknown group": (
+        motions({"name": "a", "script": {"moving_pins": [moving({"group": "lid"}, {"time": 0}, {"time": 1})]}}),
+        "motion a: the mesh has no group 'lid'; known are none",
+    ),
+    "a script that is not there": (motions({"name": "a", "script_file": "b.yaml"}), "b.yaml does not exist"),
+    "no motion to learn from": (
+        motions({"name": "a", "role": "heldout", "gravity_sweep": {"duration": 1}}),
+        "at least one motion must have the role train",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MOTIONS)
+def test_a_bad_motion(experiment: Experiment, case: str) -> None:
+    spoil, words = MOTIONS[case]
+    spoil(experiment)
+    if case == "a grab of pinned vertices":
+        text = experiment.folder / "a.csv"
+        text.write_text(text.read_text().replace("grab_radius_m: 0.03", "grab_radius_m: 0.001"))
+    assert words in refusal(experiment, "snapshot")
+
+
+@pytest.mark.parametrize("command", ["pca", "simulate"])
+def test_pins_that_move_are_refused_in_the_reduced_spaces(experiment: Experiment, command: str) -> None:
+    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+        group = file["motions/a"]
+        group["support_maps"] = np.tile(np.eye(3, 4), (1, int(group.attrs["frames"]), 1, 1))
+        group["support_vertices"], group["support_count"] = np.array([0]), np.array([1])
+    if command == "pca":
+        assert "motion a moves pins, which the linear and the latent space cannot do" in refusal(experiment, command)
+    else:  # it is another file than the model was made from, which is said first
+        assert "was made from another snapshots" in refusal(experiment, command)
+
+
+def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
+    experiment.configure(TINY | {"simulate": {"motions": ["z"]}})
+    assert "simulate.motions names 'z'; the snapshots hold a, b" in refusal(experiment, "simulate")
+
+
+# The solver of the full space
+
+
+def test_a_factor_larger_than_the_memory(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldsim.dynamics.linear_choice.physical_memory", lambda: 1000.0)
+    experiment.configure(TINY | {"snapshot": TINY["snapshot"] | {"linear_solver": "direct"}})
+    message = refusal(experiment, "snapshot")
+    assert "snapshot.linear_solver is direct" in message and "use multigrid or fewer workers" in message
