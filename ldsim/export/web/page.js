@@ -129,7 +129,7 @@ class Page {
   readColours() {
     const style = getComputedStyle(document.documentElement);
     const read = (name) => style.getPropertyValue(name).trim().split(/\s+/).map(Number);
-    this.colours = { clay: read("--clay"), pin: read("--pin"), shadow: read("--shadow") };
+    this.colours = { clay: read("--clay"), other: read("--pin"), shadow: read("--shadow") };
   }
 
   // Pulls
