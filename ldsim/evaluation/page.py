@@ -10,6 +10,7 @@ from ldsim.evaluation.page_style import STYLE
 from ldsim.evaluation.replay import Replay
 from ldsim.evaluation.replay_figure import replay_figure
 from ldsim.evaluation.report_schema import check_report
+from ldsim.evaluation.scripts import scoped
 from ldsim.evaluation.sections import (
     Section,
     cost,
@@ -71,6 +72,7 @@ def _head(experiment: str) -> Markup:
         element("meta", name="color-scheme", content="light dark"),
         element("title", f"{experiment} · ldsim report"),
         element("style", Markup(STYLE)),
+        element("script", Markup(scoped(["plot.js"]))),
     )
 
 

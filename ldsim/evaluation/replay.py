@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.evaluation.camera import look_at_broadside, upright
+from ldsim.evaluation.drawing import DISTANCE_STOPS
 from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.html import readable
@@ -104,6 +105,7 @@ def make_replay(run: FinishedRun) -> Replay | None:
         "up": turn.ravel().tolist(),
         "azimuth": view.azimuth,
         "elevation": view.elevation,
+        "stops": DISTANCE_STOPS,
         "rest": packed(run.scene.mesh.vertices[vertices], "f4"),
         "triangles": packed(triangles, "u2"),
         "modes": packed(modes16.T, "i2"),
@@ -291,7 +293,7 @@ def _caption(
     run: FinishedRun, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float
 ) -> str:
     """What is shown and how exactly."""
-    every = "Every frame" if stride == 1 else f"Every frame of {stride}"
+    every = "Every frame" if stride == 1 else f"One frame in {stride}"
     left_out = sum(bool(run.reduced_runs(name)) for name in run.recorded) - len(names)
     told = f" ({left_out} more are left out for size)" if left_out else ""
     whole = len(np.unique(surface_triangles(run.scene.mesh)))

@@ -20,6 +20,9 @@ class Replay {
     this.part = (name) => figure.querySelector(`.${name}`);
     const data = JSON.parse(this.part("data").textContent);
     this.scales = data.scales;
+    this.stops = data.stops;
+    const shown = data.stops.map((stop) => `rgb(${stop.map((x) => Math.round(255 * x))})`);
+    this.part("bar").style.background = `linear-gradient(90deg, ${shown})`;
     this.modes = unpacked(data.modes); // (K, 3v)
     this.motions = data.motions;
     this.surface = new Surface(unpacked(data.rest), unpacked(data.triangles));
@@ -120,10 +123,12 @@ class Replay {
     const { surface, view, frame } = this, whole = this.canvas.getBoundingClientRect(), lines = [];
     view.clear();
     for (const { film, label, told } of this.panels) {
-      const box = label.getBoundingClientRect(), lost = frame >= film.frames;
-      view.part = { left: box.left - whole.left, bottom: whole.bottom - box.bottom, width: box.width, height: box.height };
+      const lost = frame >= film.frames;
       told.textContent = lost ? `diverged at ${(film.frames * this.motion.seconds).toFixed(2)} s`
-        : film.mean ? `${millimetres(film.mean[frame])} from full space on average` : "";
+        : film.mean ? `${millimetres(film.mean[frame])} from full space on average` : "\u00a0";
+      // The solid is drawn below the words of its panel.
+      const box = label.getBoundingClientRect(), height = box.bottom - told.getBoundingClientRect().bottom;
+      view.part = { left: box.left - whole.left, bottom: whole.bottom - box.bottom, width: box.width, height };
       if (lost) continue;
       this.decode(film, frame);
       if (film.space === "full") this.reference.set(surface.positions);
@@ -154,7 +159,7 @@ class Replay {
   readColours() {
     const style = getComputedStyle(this.figure);
     const read = (name) => style.getPropertyValue(name).trim().split(/\s+/).map(Number);
-    this.colours = { clay: read("--clay"), other: read("--far"), shadow: read("--shadow") };
+    this.colours = { stops: this.stops, shadow: read("--shadow") };
   }
 
   // Controls

@@ -21,7 +21,7 @@ class Surface {
     this.rest = rest;
     this.triangles = triangles;
     this.positions = Float32Array.from(rest);
-    this.tints = new Float32Array(rest.length / 3); // 0 … 1, from the first colour to the second
+    this.tints = new Float32Array(rest.length / 3); // 0 … 1, from the first colour to the last
     this.makeCorners();
   }
 

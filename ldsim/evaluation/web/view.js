@@ -19,7 +19,7 @@ void main() {
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform vec3 eye, lamp, clay, other;
+uniform vec3 eye, lamp, stops[4]; // stops: the colours of tints 0, 1/3, 2/3, 1
 uniform vec4 shade;      // the shadow's colour, or alpha 0 for the surface itself
 in vec3 world_normal, world_position;
 in float mixed;
@@ -31,7 +31,8 @@ void main() {
   float sky = 0.5 + 0.5 * n.y, key = max(dot(n, lamp), 0.0);
   float gleam = pow(max(dot(n, normalize(lamp + towards)), 0.0), 42.0) * 0.22;
   float rim = pow(1.0 - max(dot(n, towards), 0.0), 3.0) * 0.16;
-  vec3 base = mix(clay, other, mixed);
+  float at = 3.0 * clamp(mixed, 0.0, 1.0);
+  vec3 base = mix(mix(stops[0], stops[1], min(at, 1.0)), mix(stops[2], stops[3], max(at - 2.0, 0.0)), clamp(at - 1.0, 0.0, 1.0));
   colour = vec4(base * (0.42 + 0.24 * sky + 0.56 * key) + gleam + rim * sky, 1.0);
 }`;
 const LAMP = normalised([-0.3, 0.72, 0.62]);
@@ -49,7 +50,7 @@ class View {
     this.program = this.link();
     const at = (name) => gl.getUniformLocation(this.program, name);
     this.uniforms = Object.fromEntries(
-      ["project", "turn", "flat_at", "lamp", "eye", "clay", "other", "shade"].map((name) => [name, at(name)]),
+      ["project", "turn", "flat_at", "lamp", "eye", "stops", "shade"].map((name) => [name, at(name)]),
     );
     this.positions = this.attribute("position", 3, surface.drawn, gl.DYNAMIC_DRAW);
     this.normals = this.attribute("normal", 3, surface.normals, gl.DYNAMIC_DRAW);
@@ -142,7 +143,7 @@ class View {
     return this.part ?? { left: 0, bottom: 0, width: this.canvas.clientWidth, height: this.canvas.clientHeight };
   }
 
-  /** Draws the surface as last refreshed onto the whole canvas; colours as [r, g, b] in 0 … 1, shadow with alpha. */
+  /** Draws the surface as last refreshed onto the whole canvas; stops and shadow as in the shaders. */
   draw(colours) {
     this.part = null;
     this.clear();
@@ -179,8 +180,7 @@ class View {
     gl.uniformMatrix4fv(uniforms.turn, false, [R[0], R[3], R[6], 0, R[1], R[4], R[7], 0, R[2], R[5], R[8], 0, 0, 0, 0, 1]);
     gl.uniform3fv(uniforms.lamp, LAMP);
     gl.uniform3fv(uniforms.eye, camera.eye);
-    gl.uniform3fv(uniforms.clay, colours.clay);
-    gl.uniform3fv(uniforms.other, colours.other);
+    gl.uniform3fv(uniforms.stops, colours.stops.flat());
     this.drawShadow(colours.shadow);
     gl.uniform1f(uniforms.flat_at, 1e30);
     gl.uniform4fv(uniforms.shade, [0, 0, 0, 0]);
@@ -204,20 +204,20 @@ class View {
     gl.disable(gl.BLEND);
   }
 
-  /** The ray through a point of the canvas, CSS pixels, in the model's coordinates. */
+  /** The ray through a point of the part that is drawn to, CSS pixels, in the model's coordinates. */
   ray(x, y) {
     const { right, up, out, eye, half } = this.camera();
-    const sx = ((2 * x) / this.canvas.clientWidth - 1) * half.x, sy = (1 - (2 * y) / this.canvas.clientHeight) * half.y;
+    const { width, height } = this.box, sx = ((2 * x) / width - 1) * half.x, sy = (1 - (2 * y) / height) * half.y;
     const direction = normalised([0, 1, 2].map((i) => right[i] * sx + up[i] * sy - out[i]));
     return { origin: this.toModel(eye), direction: this.toModel(direction), out: this.toModel(out) };
   }
 
-  /** Where a point of the model is on the canvas, CSS pixels. */
+  /** Where a point of the model is on that part, CSS pixels. */
   toScreen(point) {
     const { right, up, out, eye, half } = this.camera(), from = this.toWorld(point).map((x, i) => x - eye[i]);
     const depth = -dot(out, from);
     const x = dot(right, from) / depth / half.x, y = dot(up, from) / depth / half.y;
-    return [((x + 1) / 2) * this.canvas.clientWidth, ((1 - y) / 2) * this.canvas.clientHeight];
+    return [((x + 1) / 2) * this.box.width, ((1 - y) / 2) * this.box.height];
   }
 
   orbit(dx, dy) {
