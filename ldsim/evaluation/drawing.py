@@ -29,9 +29,8 @@ Picture: TypeAlias = Image.Image
 CLAY = (0.72, 0.76, 0.80)
 TEXT_GREY = "#828a93"
 # From clay to deep vermilion through amber: lightness falls all the way, so it also reads without colour.
-DISTANCE_COLOURS = LinearSegmentedColormap.from_list(
-    "distance", [(0.78, 0.81, 0.83), (0.98, 0.78, 0.42), (0.84, 0.37, 0.0), (0.45, 0.07, 0.05)]
-)
+DISTANCE_STOPS = [(0.78, 0.81, 0.83), (0.98, 0.78, 0.42), (0.84, 0.37, 0.0), (0.45, 0.07, 0.05)]
+DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", DISTANCE_STOPS)
 KEY_LIGHT = np.array([-0.45, 0.65, 0.61])
 OVERSAMPLING = 2
 DOTS_PER_INCH = 100

@@ -13,14 +13,17 @@ from numpy.typing import NDArray
 
 from ldsim.evaluation.errors import ErrorSummary
 from ldsim.evaluation.plotting import (
+    DASHED,
     GREEN,
     INK,
     LATENT,
     LINEAR,
     MAX_POINTS,
     SPACE_COLOURS,
+    SPACE_MARKERS,
     legend,
     log_scale,
+    marked,
     new_axes,
     plain_number,
     thinned,
@@ -79,10 +82,11 @@ def error_against_k(
     """
     figure, ax = new_axes("number of PCA modes", "vertex distance, mm", height=3.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", (0, (4, 2)))):
+    for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", DASHED)):
         if curve is not None:
-            ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, ls=dashes, lw=1.7, label=f"max, {name}")
-            ax.plot(*thinned(modes, curve.mean_mm), color=GREEN, ls=dashes, lw=1.7, label=f"mean, {name}")
+            drawn = {"ls": dashes, "lw": 1.7, **marked("none" if dashes == DASHED else None)}
+            ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, marker="^", label=f"max, {name}", **drawn)
+            ax.plot(*thinned(modes, curve.mean_mm), color=GREEN, marker="o", label=f"mean, {name}", **drawn)
     if autoencoder is not None:
         for value, name in ((autoencoder.max_mm, "max"), (autoencoder.mean_mm, "mean")):
             label = "autoencoder, training" if name == "max" else None
@@ -112,14 +116,14 @@ def training_history(
     figure, ax = new_axes("epoch", "loss")
     ax.plot(*thinned(epochs, training), color=LATENT, lw=1.2, zorder=3, label="training")
     if validation is not None:
-        ax.plot(*thinned(epochs, validation), color=GREEN, lw=1.2, label="validation")
+        ax.plot(*thinned(epochs, validation), color=GREEN, lw=1.2, ls=DASHED, label="validation")
     log_scale(ax, "y")
     if learning_rate is not None:
         rate = ax.twinx()
         rate.set_ylabel("learning rate", color=INK, fontsize=9.5)
         rate.tick_params(colors=INK, labelsize=9, length=0)
         rate.spines[:].set_visible(False)
-        rate.plot(*thinned(epochs, learning_rate), color=INK, lw=1, ls=":", alpha=0.6)
+        rate.plot(*thinned(epochs, learning_rate), color=INK, lw=1, ls=":", alpha=0.6, label="learning rate")
         ax.plot([], [], color=INK, lw=1, ls=":", alpha=0.6, label="learning rate (right)")
         log_scale(rate, "y")
     legend(ax)
@@ -130,28 +134,11 @@ def cubature_error(curves: Sequence[CubatureCurve], tolerance: float | None = No
     """Relative error of cubature against its number of points, for each space, and the tolerance asked for."""
     figure, ax = new_axes("cubature points", "relative force error")
     for curve in curves:
-        colour = SPACE_COLOURS[curve.space]
-        ax.plot(
-            *thinned(curve.points, curve.train),
-            color=colour,
-            lw=1.7,
-            marker="o",
-            ms=3,
-            label=f"{curve.space}, training",
-        )
+        drawn = {"color": SPACE_COLOURS[curve.space], "marker": SPACE_MARKERS[curve.space], "ms": 3}
+        ax.plot(*thinned(curve.points, curve.train), lw=1.7, label=f"{curve.space}, training", **drawn)
         if curve.heldout is not None:
-            x, y = thinned(curve.points, curve.heldout)
-            ax.plot(
-                x,
-                y,
-                color=colour,
-                lw=1.4,
-                ls=(0, (4, 2)),
-                marker="o",
-                ms=3,
-                mfc="none",
-                label=f"{curve.space}, held-out",
-            )
+            label = f"{curve.space}, held-out"
+            ax.plot(*thinned(curve.points, curve.heldout), lw=1.4, ls=DASHED, mfc="none", label=label, **drawn)
     if tolerance is not None:
         ax.axhline(tolerance, color=INK, lw=1, alpha=0.7)
         _line_label(ax, tolerance, f"tolerance {plain_number(tolerance)}", side="left")
@@ -175,6 +162,8 @@ def step_times(times: Mapping[str, StepTime]) -> str:
         time = times[name]
         ax.barh(row, time.median_ms - left, left=left, height=0.62, color=SPACE_COLOURS[name])
         ax.plot([time.median_ms, time.p95_ms], [row, row], color=INK, lw=1.2, marker="|", markevery=[1], ms=8)
+        for value, which in ((time.median_ms, "median"), (time.p95_ms, "95th percentile")):
+            ax.plot([value], [row], lw=0, label=f"{name}, {which}")
         ax.annotate(
             f"{time.median_ms:.3g}", (max(time.p95_ms, time.median_ms), row), xytext=(7, 0),
             textcoords="offset points", va="center", color=INK, fontsize=10, fontweight="bold",
@@ -203,7 +192,8 @@ def online_error_over_time(
     for i, (begin, end) in enumerate(grabs):
         ax.axvspan(begin, end, color=INK, alpha=0.08, lw=0, label="grabbed" if i == 0 else None)
     for space, curve in mean_mm.items():
-        ax.plot(*thinned(seconds, curve), color=SPACE_COLOURS[space], lw=1.5, label=space)
+        marker, colour = SPACE_MARKERS[space], SPACE_COLOURS[space]
+        ax.plot(*thinned(seconds, curve), color=colour, marker=marker, lw=1.5, label=space, **marked())
     ax.set_ylim(bottom=0)
     ax.margins(x=0.01)
     legend(ax)
@@ -227,10 +217,10 @@ def trust_over_time(
     right.set_ylabel("distance to the training codes", color=INK, fontsize=9.5)
     right.tick_params(colors=INK, labelsize=9, length=0)
     right.spines[:].set_visible(False)
-    right.plot(*thinned(seconds, score), color=GREEN, lw=1.2)
-    right.axhline(threshold, color=INK, lw=1, ls=(0, (4, 2)), alpha=0.7)
+    right.plot(*thinned(seconds, score), color=GREEN, lw=1.2, ls=DASHED, label="trust score")
+    right.axhline(threshold, color=INK, lw=1, ls=":", alpha=0.7)
     _line_label(right, threshold, f"distrusted above {plain_number(threshold)}")
-    ax.plot([], [], color=GREEN, lw=1.2, label="trust score (right)")
+    ax.plot([], [], color=GREEN, lw=1.2, ls=DASHED, label="trust score (right)")
     for axis in (ax, right):
         axis.set_ylim(bottom=0)
     ax.margins(x=0.01)

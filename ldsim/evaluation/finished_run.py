@@ -52,3 +52,9 @@ class FinishedRun:
     def marks(self) -> dict[str, int]:
         """The dimensions that figures point out."""
         return {"r": self.model.decoder.r, "kp": self.model.kp, "k": self.basis.basis.k}
+
+    def title(self, space: str) -> str:
+        """A space with the numbers that it moves by."""
+        marks = self.marks
+        words = {"linear": f"linear, {marks['kp']} modes", "latent": f"latent, {marks['r']} numbers"}
+        return words.get(space, f"{space} space")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import final
 
-VOID = ("img", "meta", "br")
+VOID = ("img", "meta", "br", "input")
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -115,4 +115,5 @@ def picture(name: str, data: bytes) -> Markup:
     source = f"data:image/{kind};base64,{b64encode(data).decode('ascii')}"
     caption = name[:1].upper() + name[1:]
     image = element("div", element("img", src=source, alt=caption), class_="scroll", tabindex="0")
-    return element("figure", image, element("figcaption", caption), class_="picture")
+    kinds = "picture moving" if kind == "webp" else "picture"
+    return element("figure", image, element("figcaption", caption), class_=kinds)

@@ -7,7 +7,10 @@ from typing import Any
 
 from ldsim.evaluation.html import Markup, element, joined, number, percent, picture, text
 from ldsim.evaluation.page_style import STYLE
+from ldsim.evaluation.replay import Replay
+from ldsim.evaluation.replay_figure import replay_figure
 from ldsim.evaluation.report_schema import check_report
+from ldsim.evaluation.scripts import scoped
 from ldsim.evaluation.sections import (
     Section,
     cost,
@@ -24,7 +27,11 @@ from ldsim.evaluation.sections import (
 
 
 def render_page(
-    report: Mapping[str, Any], figures: Mapping[str, str], pictures: Mapping[str, bytes], warnings: Sequence[str]
+    report: Mapping[str, Any],
+    figures: Mapping[str, str],
+    pictures: Mapping[str, bytes],
+    warnings: Sequence[str],
+    replay: Replay | None = None,
 ) -> str:
     """The report of a run as HTML that needs nothing from outside itself.
 
@@ -35,6 +42,7 @@ def render_page(
             that begin with one of these, such as `online_error_x_2`); others follow at the end.
         pictures: caption → PNG or WebP bytes, shown near the top.
         warnings: what a reader must know first, one sentence each.
+        replay: the motions to play, above the pictures.
 
     Raises:
         ValueError: if the report breaks the contract of report.json, or a picture is neither PNG nor WebP.
@@ -49,6 +57,7 @@ def render_page(
         "main",
         _opening(report),
         _warnings(warnings),
+        replay_figure(replay) if replay else "",
         element("div", *(picture(name, data) for name, data in pictures.items()), class_="pictures"),
         *(_rendered(section, figures) for section in sections if section.content or section.figures),
     )
@@ -63,6 +72,7 @@ def _head(experiment: str) -> Markup:
         element("meta", name="color-scheme", content="light dark"),
         element("title", f"{experiment} · ldsim report"),
         element("style", Markup(STYLE)),
+        element("script", Markup(scoped(["plot.js"]))),
     )
 
 

@@ -38,6 +38,28 @@ border-left:.3rem solid var(--alarm);border-radius:2px}
 .warnings li{margin:.3rem 0}
 .calm{margin-top:1.6rem;color:var(--soft)}
 .pictures{margin-top:2.4rem}
+.replay{margin-top:2.4rem;--shadow:.25 .28 .32 .2}
+.stage{position:relative;border:1px solid var(--line);border-radius:3px;background:var(--card)}
+.canvas{display:block;width:100%;height:clamp(17rem,34vw,26rem);touch-action:pan-y;cursor:grab}
+.canvas:active{cursor:grabbing}
+.canvas:focus-visible,.controls :focus-visible,.plot:focus-visible{outline:2px solid var(--linear);outline-offset:2px}
+.panels{position:absolute;inset:0;display:grid;grid-auto-flow:column;grid-auto-columns:1fr;pointer-events:none}
+.panel{padding:.5rem .8rem;font-size:.85rem;line-height:1.35}
+.panel+.panel{border-left:1px solid var(--line)}
+.panel b{font-weight:600}
+.panel span{display:block;color:var(--soft);font-variant-numeric:tabular-nums}
+.pulls{position:absolute;inset:0;width:100%;height:100%;pointer-events:none}
+.pulls line{stroke:var(--ink);stroke-width:1.5}
+.pulls circle{fill:var(--ink)}
+.controls{display:flex;flex-wrap:wrap;gap:.5rem 1.1rem;align-items:center;margin:.7rem 0 .4rem;font-size:.9rem}
+.controls label{color:var(--soft)}
+.controls button,.controls select{min-height:2.2rem;padding:.2rem .8rem;font:inherit;color:var(--ink);
+background:var(--paper);border:1px solid var(--soft);border-radius:4px;cursor:pointer}
+.controls .play{min-width:5rem}
+.controls .scrub{flex:1 1 10rem;accent-color:var(--latent)}
+.controls .time{min-width:4rem;text-align:right;font-variant-numeric:tabular-nums}
+.key-bar{color:var(--soft);font-size:.85rem;margin:0}
+.bar{display:inline-block;width:7rem;height:.6rem;margin:0 .3rem;border-radius:1px}
 figure{margin:0 0 1.8rem}
 img{display:block;width:100%;height:auto}
 .picture .scroll{margin:0}
@@ -71,9 +93,20 @@ background:var(--full)}
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,26rem),1fr));gap:2rem 2.5rem;
 margin-top:1.6rem;align-items:end}
 .plot svg{display:block;width:100%;max-width:34rem;height:auto}
+.live{position:relative;border-radius:2px}
+.live svg{touch-action:pan-y;cursor:crosshair;user-select:none;-webkit-user-select:none}
+.choice{fill:var(--linear);fill-opacity:.15;stroke:var(--linear);stroke-width:.7}
+.dot{fill:var(--paper);stroke:currentColor;stroke-width:1.6;pointer-events:none}
+.told{position:absolute;z-index:1;max-width:17rem;padding:.3rem .6rem;font-size:.82rem;line-height:1.4;
+background:var(--card);border:1px solid var(--soft);border-radius:3px;pointer-events:none}
+.whole{position:absolute;right:0;bottom:0;padding:.15rem .6rem;font:inherit;font-size:.82rem;color:var(--ink);
+background:var(--card);border:1px solid var(--soft);border-radius:3px;cursor:pointer}
+@media (prefers-color-scheme:dark){.replay{--shadow:0 0 0 .4}}
+@media screen{.replay:not([hidden])~.pictures .moving{display:none}}
 @media (max-width:40rem){main{padding:2rem 1.1rem 3rem}section{margin-top:2.6rem}.lede{font-size:1.15rem}
-.key>div{padding:.9rem 0}.key>div+div{border-left:0;border-top:1px solid var(--line)}}
-@media print{:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
-main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
+.canvas{height:min(38rem,78vh)}.panels{grid-auto-flow:row;grid-auto-rows:1fr}
+.panel+.panel{border-left:0;border-top:1px solid var(--line)}.key>div{padding:.9rem 0}.key>div+div{border-left:0;border-top:1px solid var(--line)}}
+@media print{.told,.dot,.whole{display:none!important}:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
+.replay{display:none}main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
 .scroll{overflow:visible}.picture img{min-width:0}table{font-size:.7rem}th,td{padding:.3rem .35rem}}
 """

@@ -1,21 +1,26 @@
 """What all figures share: colours, axes, thinning, and SVG that is small and reads on light and dark pages.
 
 Matplotlib draws; afterwards the ink's stand-in colour becomes `currentColor`, which a style inside the SVG sets for
-light and for dark, text stays text, and identifiers are made unlike those of other figures in one page.
+light and for dark, text stays text, and identifiers are made unlike those of other figures in one page. What the page's
+script (web/plot.js) must know to read values and to zoom stands in attributes: `data-axes` on the figure, `curve`,
+`axis` and `note` as classes of groups. The values themselves are read back from the drawn paths.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from html import escape
 from io import StringIO
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
@@ -28,6 +33,9 @@ INK = "#010203"
 LINEAR = "#1f83c4"
 LATENT = "#d55e00"
 FULL = "#7a828c"
+# Curves differ by dashes or markers too, for those who see no difference of colours.
+SPACE_MARKERS = {"linear": "s", "latent": "o"}
+DASHED = (0, (4, 2))
 SPACE_COLOURS = {"full": FULL, "linear": LINEAR, "latent": LATENT}
 GREEN = "#00966c"
 
@@ -78,6 +86,11 @@ def plain_number(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
+def marked(face: str | None = None) -> dict[str, Any]:
+    """How markers sit on a curve of many points: small, a few, evenly apart on the page."""
+    return {"ms": 4, "markevery": 0.16} | ({"mfc": face} if face else {})
+
+
 def legend(ax: Axes) -> None:
     """A legend in a row above the axes, so that it never covers a curve."""
     handles, labels = ax.get_legend_handles_labels()
@@ -112,6 +125,7 @@ def to_svg(figure: Figure, label: str) -> str:
     Args:
         label: what the figure shows, one sentence, for those who do not see it.
     """
+    _name_parts(figure)
     buffer = StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "ldsim"}):
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -119,19 +133,62 @@ def to_svg(figure: Figure, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, count=1, flags=re.DOTALL)
+    text = re.sub(r'<g id="ldsim-(\w+)\|(\d+)\|([^"]*)"', r'<g class="\1" data-axes="\2" data-name="\3"', text)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     text = re.sub(r'(id="|#)([mp][0-9a-f]{10})(?=[")])', rf"\1\2-{digest}", text)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"\d+\.\d{4,}", lambda match: f"{float(match[0]):.3f}", text)
     text = re.sub(r"font-family: [^;\"]*;? ?", "", text.replace(INK, "currentColor"))
-    text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening(label), text, count=1)
+    text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening(label, _described_axes(figure)), text, count=1)
     return re.sub(r"\n\s*", "\n", text)
 
 
-def _opening(label: str) -> str:
+def _opening(label: str, axes: str) -> str:
     """The replacement pattern for the <svg> tag: scalable, labelled, styled."""
-    name = escape(label).replace("\\", r"\\")
+    name, told = (escape(text).replace("\\", r"\\") for text in (label, axes))
     return (
-        r'<svg class="ldsim-figure" viewBox="\1" role="img" xmlns="http://www.w3.org/2000/svg" '
+        rf'<svg class="ldsim-figure" data-axes="{told}" viewBox="\1" role="img" xmlns="http://www.w3.org/2000/svg" '
         rf'xmlns:xlink="http://www.w3.org/1999/xlink"><title>{name}</title>{_STYLE}'
     )
+
+
+def _name_parts(figure: Figure) -> None:
+    """Identifiers for the groups that the script must find: kind|axes|name."""
+    for i, ax in enumerate(figure.axes):
+        for line in ax.lines:
+            label = str(line.get_label())
+            if line.get_transform() == ax.transData and len(line.get_xydata()) and not label.startswith("_"):
+                line.get_path().should_simplify = False
+                line.set_gid(f"ldsim-curve|{i}|{label}")
+        for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):
+            axis.set_gid(f"ldsim-axis|{i}|{name}")
+            axis.label.set_gid(f"ldsim-label|{i}|{name}")
+        for note in ax.texts:
+            if isinstance(note, Annotation):
+                note.set_gid(f"ldsim-note|{i}|{json.dumps(_anchor(note))}")
+
+
+def _anchor(note: Annotation) -> list[float | None]:
+    """Where a note hangs, (x, y) in data coordinates; None along an axis with which it does not move."""
+    coordinates = note.xycoords if isinstance(note.xycoords, tuple) else (note.xycoords, note.xycoords)
+    return [float(at) if kind == "data" else None for at, kind in zip(note.xy, coordinates, strict=True)]
+
+
+def _described_axes(figure: Figure) -> str:
+    """JSON: of each axes its box in the drawing's units (left, top, right, bottom), and label, limits and scale of x and y.
+
+    Both axes of a figure share the box; a scale without a label has nothing to read off.
+    """
+    width, height = 72 * figure.get_size_inches()
+    described = []
+    for ax in figure.axes:
+        at = ax.get_position()
+        described.append(
+            {
+                "box": [at.x0 * width, (1 - at.y1) * height, at.x1 * width, (1 - at.y0) * height],
+                "x": {"label": ax.get_xlabel(), "limits": list(map(float, ax.get_xlim())), "scale": ax.get_xscale()},
+                "y": {"label": ax.get_ylabel(), "limits": list(map(float, ax.get_ylim())), "scale": ax.get_yscale()},
+            }
+        )
+    return json.dumps(described)

@@ -17,6 +17,7 @@ from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.html import readable
 from ldsim.evaluation.page import render_page
+from ldsim.evaluation.replay import make_replay
 from ldsim.evaluation.report_figures import draw_figures
 from ldsim.evaluation.report_numbers import collect
 from ldsim.evaluation.report_pictures import Picture, take_pictures
@@ -32,7 +33,7 @@ class Wanted:
     """What the settings say.
 
     Attributes:
-        pictures: moments to show of each motion.
+        pictures: moments to show of each motion; 0 for none, and no replay either.
         cubature_tolerance: relative error asked of cubature.
         training_tolerance_mm: largest vertex error asked of the autoencoder, mm.
     """
@@ -83,7 +84,8 @@ def build_report(
         *_unconverged_steps(run),
         *_changed_material(run),
     ]
-    page = render_page(numbers, figures, _within_budget(pictures), warnings)
+    replay = make_replay(run) if wanted.pictures else None
+    page = render_page(numbers, figures, _within_budget(pictures), warnings, replay)
     return Report(numbers, page, figures, pictures)
 
 

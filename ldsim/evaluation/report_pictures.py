@@ -61,13 +61,13 @@ class Studio:
     def still(self, moment: Moment) -> Picture:
         """One frame of all spaces; a space that is lost by then is left out and named in the caption."""
         full = self._full(moment.motion, moment.frame)
-        poses, remarks, framed = [Pose("full space", full)], [], [full]
+        poses, remarks, framed = [Pose(self._run.title("full"), full)], [], [full]
         for space, trajectory in self._run.reduced_runs(moment.motion).items():
             reduced = self._reduced(space, moment.motion, moment.frame)
             if not np.isfinite(reduced).all():
                 remarks.append(f"{space} has diverged")
                 continue
-            poses.append(Pose(self._title(space), reduced))
+            poses.append(Pose(self._run.title(space), reduced))
             framed += [reduced] if self._near(reduced, full) else []
             if trajectory.mean_error is not None:
                 remarks.append(f"{space} {readable(MM_PER_M * float(trajectory.mean_error[moment.frame]))} mm")
@@ -86,11 +86,11 @@ class Studio:
         if len(frames) < FEWEST_FRAMES:
             return None
         full = np.stack([self._full(motion, frame) for frame in frames])
-        sequences = [("full space", full)]
+        sequences = [(self._run.title("full"), full)]
         for space in self._run.reduced_runs(motion):
             moved = np.stack([self._reduced(space, motion, frame) for frame in frames])
             if self._near(moved, full):
-                sequences.append((self._title(space), moved))
+                sequences.append((self._run.title(space), moved))
         view = look_at_broadside(self._rest, np.concatenate([positions for _, positions in sequences]))
         pause = float(frames[1] - frames[0]) * self._run.scene.time_step
         data = animation(sequences, self._triangles, pause, view, len(frames), ANIMATION_WIDTH)
@@ -135,10 +135,6 @@ class Studio:
 
     def _motion_words(self, motion: str) -> str:
         return f"Motion {motion} ({ROLE_WORDS[self._run.recorded[motion].role]})"
-
-    def _title(self, space: str) -> str:
-        marks = self._run.marks
-        return f"linear, {marks['kp']} modes" if space == "linear" else f"latent, {marks['r']} numbers"
 
 
 def mean_displacement(run: FinishedRun, motion: str) -> Array | None:

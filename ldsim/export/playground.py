@@ -1,7 +1,7 @@
 """The static playground: one HTML page with the model inside that simulates in the browser, with no server.
 
-The page is put together from the files in export/web: the step in JavaScript, a port of ldsim/dynamics; a renderer; the
-controls. The model is a safetensors file in base64. Nothing is loaded from anywhere, so it works from a disk.
+The page is put together from the files in export/web, the step in JavaScript, a port of ldsim/dynamics, and the controls,
+and from those in evaluation/web that draw. The model is a safetensors file in base64. Nothing is loaded from anywhere, so it works from a disk.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.evaluation import scripts
 from ldsim.evaluation.camera import look_at_broadside, upright
 from ldsim.export.arrays import model_arrays, safetensors
 from ldsim.export.source import Source
 
 # The step and what it needs, in the order in which later files use earlier ones; node runs these alone in the tests.
-PHYSICS = ("tensors.js", "materials.js", "decoder.js", "potential.js", "stepping.js", "model.js", "solid.js")
+PHYSICS = ("tensors.js", "materials.js", "decoder.js", "potential.js", "stepping.js", "model.js", "surface.js", "solid.js")
 PAGE = (*PHYSICS, "view.js", "page.js")
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
 SINGLE = ("vertices", "basis")
@@ -56,8 +57,8 @@ def packed_model(source: Source) -> str:
 
 
 def script(names: Sequence[str]) -> str:
-    """The given files of export/web, one after another; they share one scope."""
-    return "\n".join(_text(name) for name in names)
+    """The given files of export/web and evaluation/web, one after another; they share one scope."""
+    return "\n".join(scripts.script([name]) if name in scripts.DRAWING else _text(name) for name in names)
 
 
 def _text(name: str) -> str:

@@ -38,3 +38,40 @@ def surface_triangles(mesh: Mesh) -> NDArray[np.int32]:
 def surface_vertices(mesh: Mesh) -> NDArray[np.int32]:
     """The vertices on the boundary, (v,) int32, ascending."""
     return np.unique(boundary_faces(mesh))
+
+
+def coarsened(
+    positions: NDArray[np.float64], triangles: NDArray[np.integer], limit: int
+) -> NDArray[np.int32]:
+    """Triangles between at most `limit` of the vertices, by clustering (Rossignac and Borrel 1993).
+
+    The vertices in one cell of a grid become the one nearest to their mean, and triangles that lose their area vanish.
+    For pictures: thin parts may grow together, and the surface need not stay a manifold.
+
+    Args:
+        positions: of all vertices, (n, 3).
+        triangles: vertex indices, (t, 3).
+        limit: a surface of no more vertices is returned as it is.
+
+    Returns:
+        Vertex indices, (t', 3) int32, in the numbering of `positions`.
+    """
+    used = np.unique(triangles)
+    if len(used) <= limit:
+        return triangles.astype(np.int32)
+    points = positions[used] - positions[used].min(axis=0)
+    cell = float(points.max()) / np.sqrt(limit)
+    while True:
+        _, cluster = np.unique((points / cell).astype(np.int64), axis=0, return_inverse=True)
+        if cluster.max() < limit:
+            break
+        cell *= 1.05
+    sums = np.stack([np.bincount(cluster, points[:, axis]) for axis in range(3)], axis=1)
+    off = np.linalg.norm(points - (sums / np.bincount(cluster)[:, None])[cluster], axis=1)
+    order = np.lexsort((off, cluster))
+    chosen = used[order[np.searchsorted(cluster[order], np.arange(cluster.max() + 1))]]
+    merged = chosen[cluster[np.searchsorted(used, triangles)]]
+    whole = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+    first = np.argmin(merged[whole], axis=1)
+    turned = np.take_along_axis(merged[whole], (first[:, None] + np.arange(3)) % 3, axis=1)
+    return np.unique(turned, axis=0).astype(np.int32)

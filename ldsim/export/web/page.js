@@ -129,7 +129,9 @@ class Page {
   readColours() {
     const style = getComputedStyle(document.documentElement);
     const read = (name) => style.getPropertyValue(name).trim().split(/\s+/).map(Number);
-    this.colours = { clay: read("--clay"), pin: read("--pin"), shadow: read("--shadow") };
+    const clay = read("--clay"), pin = read("--pin");
+    const stops = [0, 1 / 3, 2 / 3, 1].map((share) => clay.map((x, i) => x + share * (pin[i] - x)));
+    this.colours = { stops, shadow: read("--shadow") };
   }
 
   // Pulls

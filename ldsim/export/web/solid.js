@@ -1,63 +1,21 @@
 // The solid: the mesh that moves with the reduced coordinates, and the springs that pull on it.
 
-const CREASE = Math.cos((35 * Math.PI) / 180); // facets that meet at a sharper angle have an edge between them
-
-function normalised(v) {
-  const length = Math.hypot(...v) || 1;
-  return v.map((x) => x / length);
-}
-
-function cross(a, b) {
-  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-}
-
-function dot(a, b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-class Solid {
+class Solid extends Surface {
   /** arrays: as readSafetensors gives them. */
   constructor(arrays) {
-    this.vertices = arrays.vertices.data;
+    const triangles = arrays.surface_triangles.data, vertices = arrays.vertices.data;
+    const surface = Int32Array.from(new Set(triangles)).sort(); // the vertices on the surface
+    const number = new Map(Array.from(surface, (v, i) => [v, i]));
+    const rest = new Float64Array(3 * surface.length);
+    surface.forEach((v, i) => rest.set(vertices.subarray(3 * v, 3 * v + 3), 3 * i));
+    super(rest, Uint32Array.from(triangles, (v) => number.get(v)));
+    this.surface = surface;
+    this.vertices = vertices;
     this.n = arrays.vertices.shape[0];
     this.basis = arrays.basis.data; // (3n, K), row by row
     this.columns = arrays.basis.shape[1];
     this.movable = arrays.movable.data;
-    const triangles = arrays.surface_triangles.data;
-    this.surface = Int32Array.from(new Set(triangles)).sort(); // the vertices on the surface
-    const number = new Map(Array.from(this.surface, (v, i) => [v, i]));
-    this.triangles = Uint32Array.from(triangles, (v) => number.get(v)); // in the surface's numbering
-    this.positions = new Float32Array(3 * this.surface.length);
-    this.makeCorners();
-  }
-
-  /**
-   * Splits the surface's vertices where it has an edge, so that edges look sharp: `corners` are the drawn triangles in
-   * the numbering of `copies`, each of which is a copy of a surface vertex with a normal of its own.
-   */
-  makeCorners() {
-    const { triangles, surface, vertices } = this;
-    const rest = (i) => Array.from(vertices.subarray(3 * surface[i], 3 * surface[i] + 3));
-    const groups = new Map(); // surface vertex → [{ copy, normal }]
-    const copies = [];
-    this.corners = new Uint32Array(triangles.length);
-    for (let t = 0; t < triangles.length; t += 3) {
-      const [a, b, c] = [0, 1, 2].map((i) => rest(triangles[t + i]));
-      const normal = normalised(cross(b.map((x, i) => x - a[i]), c.map((x, i) => x - a[i])));
-      for (let i = t; i < t + 3; i++) {
-        const known = groups.get(triangles[i]) ?? groups.set(triangles[i], []).get(triangles[i]);
-        let group = known.find((one) => dot(one.normal, normal) > CREASE);
-        if (!group) {
-          group = { copy: copies.length, normal };
-          known.push(group);
-          copies.push(triangles[i]);
-        }
-        this.corners[i] = group.copy;
-      }
-    }
-    this.copies = Uint32Array.from(copies);
-    this.drawn = new Float32Array(3 * copies.length);
-    this.normals = new Float32Array(3 * copies.length);
+    this.tints = Float32Array.from(surface, (v) => (this.movable[v] ? 0 : 1)); // pinned vertices have a colour of their own
   }
 
   /** Position of one coordinate (3 v + axis) at q. */
@@ -76,28 +34,13 @@ class Solid {
     return out;
   }
 
-  /** Moves the surface to q: positions, and positions and normals of the copies that are drawn. */
+  /** Moves the surface to q. */
   decode(q) {
-    const { surface, positions, copies, drawn, normals, corners } = this;
+    const { surface, positions } = this;
     for (let i = 0; i < surface.length; i++) {
       for (let axis = 0; axis < 3; axis++) positions[3 * i + axis] = this.coordinate(3 * surface[i] + axis, q);
     }
-    for (let i = 0; i < copies.length; i++) {
-      for (let axis = 0; axis < 3; axis++) drawn[3 * i + axis] = positions[3 * copies[i] + axis];
-    }
-    normals.fill(0);
-    for (let t = 0; t < corners.length; t += 3) {
-      const a = 3 * corners[t], b = 3 * corners[t + 1], c = 3 * corners[t + 2];
-      const x1 = drawn[b] - drawn[a], y1 = drawn[b + 1] - drawn[a + 1], z1 = drawn[b + 2] - drawn[a + 2];
-      const x2 = drawn[c] - drawn[a], y2 = drawn[c + 1] - drawn[a + 1], z2 = drawn[c + 2] - drawn[a + 2];
-      const nx = y1 * z2 - z1 * y2, ny = z1 * x2 - x1 * z2, nz = x1 * y2 - y1 * x2;
-      for (let i = t; i < t + 3; i++) {
-        const v = 3 * corners[i];
-        normals[v] += nx;
-        normals[v + 1] += ny;
-        normals[v + 2] += nz;
-      }
-    }
+    this.refresh();
   }
 
   /** The movable vertices within `radius` of the one nearest to `point`, at q: `held_vertices` in Python. */

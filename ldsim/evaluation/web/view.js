@@ -1,27 +1,28 @@
-// Draws a moving surface with WebGL 2: a lit solid and its shadow on a floor, seen by a camera that orbits.
+// Draws a moving surface with WebGL 2: a lit solid and its shadow on a floor, seen by a camera that orbits. The surface
+// may be drawn several times, at other positions, in parts of one canvas.
 
 const VERTEX = `#version 300 es
 uniform mat4 project, turn;
-uniform float flat_at;   // height of the floor where the shadow is drawn, or a huge number for the solid itself
+uniform float flat_at;   // height of the floor where the shadow is drawn, or a huge number for the surface itself
 uniform vec3 lamp;
 in vec3 position, normal;
-in float pinned;
+in float tint;
 out vec3 world_normal, world_position;
-out float tint;
+out float mixed;
 void main() {
   vec4 world = turn * vec4(position, 1.0);
   if (flat_at < 1e20) world.xyz -= lamp * (world.y - flat_at) / lamp.y;
   world_normal = mat3(turn) * normal;
   world_position = world.xyz;
-  tint = pinned;
+  mixed = tint;
   gl_Position = project * world;
 }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform vec3 eye, lamp, clay, pin;
-uniform vec4 shade;      // the shadow's colour, or alpha 0 for the solid itself
+uniform vec3 eye, lamp, stops[4]; // stops: the colours of tints 0, 1/3, 2/3, 1
+uniform vec4 shade;      // the shadow's colour, or alpha 0 for the surface itself
 in vec3 world_normal, world_position;
-in float tint;
+in float mixed;
 out vec4 colour;
 void main() {
   if (shade.a > 0.0) { colour = vec4(shade.rgb * shade.a, shade.a); return; }
@@ -30,38 +31,40 @@ void main() {
   float sky = 0.5 + 0.5 * n.y, key = max(dot(n, lamp), 0.0);
   float gleam = pow(max(dot(n, normalize(lamp + towards)), 0.0), 42.0) * 0.22;
   float rim = pow(1.0 - max(dot(n, towards), 0.0), 3.0) * 0.16;
-  vec3 base = mix(clay, pin, tint);
+  float at = 3.0 * clamp(mixed, 0.0, 1.0);
+  vec3 base = mix(mix(stops[0], stops[1], min(at, 1.0)), mix(stops[2], stops[3], max(at - 2.0, 0.0)), clamp(at - 1.0, 0.0, 1.0));
   colour = vec4(base * (0.42 + 0.24 * sky + 0.56 * key) + gleam + rim * sky, 1.0);
 }`;
 const LAMP = normalised([-0.3, 0.72, 0.62]);
 
 class View {
   /** up: the rotation (9, row by row) that turns the model's up to y. */
-  constructor(canvas, solid, up, azimuth, elevation) {
+  constructor(canvas, surface, up, azimuth, elevation) {
     const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: true });
     if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer or has switched off.");
     this.canvas = canvas;
     this.gl = gl;
-    this.solid = solid;
+    this.surface = surface;
     this.up = up;
     this.frameSolid(azimuth, elevation);
     this.program = this.link();
     const at = (name) => gl.getUniformLocation(this.program, name);
     this.uniforms = Object.fromEntries(
-      ["project", "turn", "flat_at", "lamp", "eye", "clay", "pin", "shade"].map((name) => [name, at(name)]),
+      ["project", "turn", "flat_at", "lamp", "eye", "stops", "shade"].map((name) => [name, at(name)]),
     );
-    this.positions = this.attribute("position", 3, solid.drawn, gl.DYNAMIC_DRAW);
-    this.normals = this.attribute("normal", 3, solid.normals, gl.DYNAMIC_DRAW);
-    this.attribute("pinned", 1, Float32Array.from(solid.copies, (i) => (solid.movable[solid.surface[i]] ? 0 : 1)), gl.STATIC_DRAW);
+    this.positions = this.attribute("position", 3, surface.drawn, gl.DYNAMIC_DRAW);
+    this.normals = this.attribute("normal", 3, surface.normals, gl.DYNAMIC_DRAW);
+    this.tints = this.attribute("tint", 1, surface.drawnTints, gl.DYNAMIC_DRAW);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, solid.corners, gl.STATIC_DRAW);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, surface.corners, gl.STATIC_DRAW);
   }
 
-  /** Sets the camera so that the solid at rest, with room to swing, fills the picture. */
+  /** Sets the camera so that the surface at rest, with room to swing, fills the picture. */
   frameSolid(azimuth, elevation) {
     const low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
-    for (let v = 0; v < this.solid.n; v++) {
-      const x = this.toWorld(this.solid.vertices.subarray(3 * v, 3 * v + 3));
+    const { rest } = this.surface;
+    for (let v = 0; v < rest.length; v += 3) {
+      const x = this.toWorld(rest.subarray(v, v + 3));
       for (let i = 0; i < 3; i++) {
         low[i] = Math.min(low[i], x[i]);
         high[i] = Math.max(high[i], x[i]);
@@ -115,7 +118,7 @@ class View {
     const a = (this.azimuth * Math.PI) / 180, e = (this.elevation * Math.PI) / 180;
     const out = [Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e)];
     const right = [Math.cos(a), 0, -Math.sin(a)], up = cross(out, right);
-    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { width, height } = this.box;
     const narrow = 0.3, aspect = width / Math.max(height, 1);
     const half = { x: aspect < 1 ? narrow : narrow * aspect, y: aspect < 1 ? narrow / aspect : narrow };
     const distance = (0.56 * this.diagonal) / narrow / this.zoom;
@@ -135,18 +138,40 @@ class View {
     return new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
   }
 
-  /** Draws the solid at the surface last decoded; colours as [r, g, b] in 0 … 1. */
+  /** The part of the canvas that is drawn to, CSS pixels from its lower left corner. */
+  get box() {
+    return this.part ?? { left: 0, bottom: 0, width: this.canvas.clientWidth, height: this.canvas.clientHeight };
+  }
+
+  /** Draws the surface as last refreshed onto the whole canvas; stops and shadow as in the shaders. */
   draw(colours) {
-    const { gl, canvas, solid, uniforms } = this, dots = Math.min(window.devicePixelRatio || 1, 2);
-    const width = Math.round(canvas.clientWidth * dots), height = Math.round(canvas.clientHeight * dots);
+    this.part = null;
+    this.clear();
+    this.drawPart(colours);
+  }
+
+  clear() {
+    const { gl, canvas } = this;
+    const width = Math.round(canvas.clientWidth * this.dots), height = Math.round(canvas.clientHeight * this.dots);
     if (canvas.width !== width || canvas.height !== height) {
       canvas.width = width;
       canvas.height = height;
     }
-    gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
-    for (const [buffer, values] of [[this.positions, solid.drawn], [this.normals, solid.normals]]) {
+  }
+
+  /** Device pixels in a CSS pixel. */
+  get dots() {
+    return Math.min(window.devicePixelRatio || 1, 2);
+  }
+
+  /** Draws the surface as last refreshed into `box`. */
+  drawPart(colours) {
+    const { gl, surface, uniforms, dots, box } = this;
+    gl.viewport(...[box.left, box.bottom, box.width, box.height].map((x) => Math.round(x * dots)));
+    const changed = [[this.positions, surface.drawn], [this.normals, surface.normals], [this.tints, surface.drawnTints]];
+    for (const [buffer, values] of changed) {
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
     }
@@ -155,16 +180,15 @@ class View {
     gl.uniformMatrix4fv(uniforms.turn, false, [R[0], R[3], R[6], 0, R[1], R[4], R[7], 0, R[2], R[5], R[8], 0, 0, 0, 0, 1]);
     gl.uniform3fv(uniforms.lamp, LAMP);
     gl.uniform3fv(uniforms.eye, camera.eye);
-    gl.uniform3fv(uniforms.clay, colours.clay);
-    gl.uniform3fv(uniforms.pin, colours.pin);
+    gl.uniform3fv(uniforms.stops, colours.stops.flat());
     this.drawShadow(colours.shadow);
     gl.uniform1f(uniforms.flat_at, 1e30);
     gl.uniform4fv(uniforms.shade, [0, 0, 0, 0]);
     gl.enable(gl.DEPTH_TEST);
-    gl.drawElements(gl.TRIANGLES, solid.corners.length, gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, surface.corners.length, gl.UNSIGNED_INT, 0);
   }
 
-  /** The solid flattened along the lamp's rays onto the floor, every pixel once. */
+  /** The surface flattened along the lamp's rays onto the floor, every pixel once. */
   drawShadow(colour) {
     const { gl, uniforms } = this;
     gl.disable(gl.DEPTH_TEST);
@@ -175,25 +199,25 @@ class View {
     gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
     gl.uniform1f(uniforms.flat_at, this.floor);
     gl.uniform4fv(uniforms.shade, colour);
-    gl.drawElements(gl.TRIANGLES, this.solid.corners.length, gl.UNSIGNED_INT, 0);
+    gl.drawElements(gl.TRIANGLES, this.surface.corners.length, gl.UNSIGNED_INT, 0);
     gl.disable(gl.STENCIL_TEST);
     gl.disable(gl.BLEND);
   }
 
-  /** The ray through a point of the canvas, CSS pixels, in the model's coordinates. */
+  /** The ray through a point of the part that is drawn to, CSS pixels, in the model's coordinates. */
   ray(x, y) {
     const { right, up, out, eye, half } = this.camera();
-    const sx = ((2 * x) / this.canvas.clientWidth - 1) * half.x, sy = (1 - (2 * y) / this.canvas.clientHeight) * half.y;
+    const { width, height } = this.box, sx = ((2 * x) / width - 1) * half.x, sy = (1 - (2 * y) / height) * half.y;
     const direction = normalised([0, 1, 2].map((i) => right[i] * sx + up[i] * sy - out[i]));
     return { origin: this.toModel(eye), direction: this.toModel(direction), out: this.toModel(out) };
   }
 
-  /** Where a point of the model is on the canvas, CSS pixels. */
+  /** Where a point of the model is on that part, CSS pixels. */
   toScreen(point) {
     const { right, up, out, eye, half } = this.camera(), from = this.toWorld(point).map((x, i) => x - eye[i]);
     const depth = -dot(out, from);
     const x = dot(right, from) / depth / half.x, y = dot(up, from) / depth / half.y;
-    return [((x + 1) / 2) * this.canvas.clientWidth, ((1 - y) / 2) * this.canvas.clientHeight];
+    return [((x + 1) / 2) * this.box.width, ((1 - y) / 2) * this.box.height];
   }
 
   orbit(dx, dy) {
@@ -202,7 +226,7 @@ class View {
   }
 
   pan(dx, dy) {
-    const { right, up, half, distance } = this.camera(), scale = (2 * half.y * distance) / this.canvas.clientHeight;
+    const { right, up, half, distance } = this.camera(), scale = (2 * half.y * distance) / this.box.height;
     for (let i = 0; i < 3; i++) this.centre[i] += scale * (up[i] * dy - right[i] * dx);
   }
 
