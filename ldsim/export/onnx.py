@@ -47,7 +47,8 @@ def _write(
     from onnx import TensorProto, checker, helper, numpy_helper, save_model
 
     last = len(weights) - 1
-    arrays, nodes, x = {}, [], ends[0]
+    arrays: dict[str, Array] = {}
+    nodes, x = [], ends[0]
     for i, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
         arrays |= {f"weights_{i}": weight, f"biases_{i}": bias - rest if i == last else bias}
         nodes.append(helper.make_node("Gemm", [x, f"weights_{i}", f"biases_{i}"], [f"linear_{i}"]))

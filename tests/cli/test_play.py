@@ -80,6 +80,14 @@ def test_a_run_without_a_model_is_refused(run: Path, tmp_path: Path) -> None:
     assert "basis.h5 does not exist; run `ldsim pca` first" in refusal("play", str(tmp_path))
 
 
+@pytest.mark.parametrize("command", [["play"], ["export", "--playground"], ["export", "--format", "npz"]], ids=" ".join)
+def test_a_run_that_was_not_trained_is_refused_with_what_to_run(run: Path, tmp_path: Path, command: list[str]) -> None:
+    for name in ("scene.h5", "basis.h5"):
+        (tmp_path / name).write_bytes((run / name).read_bytes())
+    assert "model.h5 does not exist; run `ldsim train` first" in refusal(*command, str(tmp_path))
+    assert not (tmp_path / "export").exists()
+
+
 @pytest.mark.parametrize("name", ["nothing", "nothing/at/all"])
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path, name: str) -> None:
     assert "is not the folder of a run" in refusal("play", str(tmp_path / name))
