@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.artefacts.store import replacing
-from ldsim.errors import SettingsError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
 from ldsim.settings import Settings, dump, settings_of
@@ -65,11 +64,8 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     """Write a made-up configuration, with a few random pulls to judge the model by.
 
     Raises:
-        SettingsError: there is a file of this name, which is not replaced.
         ArtefactError: it cannot be written.
     """
-    if path.exists():
-        raise SettingsError(f"{path} exists already; give --config another name, or record on {path} itself")
     stiffness, radius = usual_grip(scene)
     diagonal = scene.mesh.diagonal
     numbers = {"reach": REACH * diagonal, "stiffness": stiffness, "radius": radius}

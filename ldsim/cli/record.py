@@ -60,6 +60,8 @@ def command(
     described = source.suffix.lower() in CONFIGURATIONS
     if described and config is not None:
         raise SettingsError(f"--config is for a mesh or surface file; {source} is a configuration already")
+    if config is not None and config.exists():
+        raise SettingsError(f"{config} exists already; give --config another name, or record on {config} itself")
     place = source if described else config or source.with_suffix(".yaml")
     settings = load_settings(source) if described else made_up(source, place, scale, youngs_modulus, pin, output)
     if not described and is_surface(source):
