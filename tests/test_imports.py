@@ -53,6 +53,7 @@ OWNERS = {
     "pytetwild": ("mesh/ftetwild",),
     "matplotlib": ("evaluation",),
     "PIL": ("evaluation",),
+    "onnx": ("export/onnx",),
     "click": ("cli",),
     "tqdm": ("cli",),
     "websockets": ("viewer",),

@@ -18,6 +18,7 @@ COMMANDS = {
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
+    "compare": "Put several finished runs side by side on one page.",
     "play": "Pull a finished run in the browser.",
     "record": "Pull a coarse mesh in the browser and record a motion.",
     "export": "Write a run's motion or model for other programs.",

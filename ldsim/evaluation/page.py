@@ -56,21 +56,26 @@ def render_page(
     body = element(
         "main",
         _opening(report),
-        _warnings(warnings),
+        warning_list(warnings),
         replay_figure(replay) if replay else "",
         element("div", *(picture(name, data) for name, data in pictures.items()), class_="pictures"),
-        *(_rendered(section, figures) for section in sections if section.content or section.figures),
+        *(rendered(section, figures) for section in sections if section.content or section.figures),
     )
-    return "<!DOCTYPE html>\n" + element("html", _head(report["experiment"]), element("body", body), lang="en") + "\n"
+    return (
+        "<!DOCTYPE html>\n"
+        + element("html", head(f"{report['experiment']} · ldsim report"), element("body", body), lang="en")
+        + "\n"
+    )
 
 
-def _head(experiment: str) -> Markup:
+def head(title: str) -> Markup:
+    """The head of a page that needs nothing from outside itself."""
     return element(
         "head",
         element("meta", charset="utf-8"),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", name="color-scheme", content="light dark"),
-        element("title", f"{experiment} · ldsim report"),
+        element("title", title),
         element("style", Markup(STYLE)),
         element("script", Markup(scoped(["plot.js"]))),
     )
@@ -122,14 +127,15 @@ def _key_figure(name: str, value: Markup, *remark: str) -> Markup:
     return element("div", element("dt", name), element("dd", value), element("dd", *remark, class_="remark"))
 
 
-def _warnings(warnings: Sequence[str]) -> Markup:
+def warning_list(warnings: Sequence[str]) -> Markup:
+    """What a reader must know first, or that there is nothing."""
     if not warnings:
-        return element("p", "No warnings: every check of this run passed.", class_="calm")
+        return element("p", "No warnings: every check passed.", class_="calm")
     items = element("ul", *(element("li", warning) for warning in warnings))
     return element("section", element("h2", "Read this first"), items, class_="warnings")
 
 
-def _rendered(section: Section, figures: Mapping[str, str]) -> Markup:
+def rendered(section: Section, figures: Mapping[str, str]) -> Markup:
     """A section: heading, what it says, its figures."""
     mine = [element("div", Markup(figures[name]), class_="plot") for name in section.figures_in(figures)]
     plots = element("div", *mine, class_="plots") if mine else ""

@@ -13,6 +13,7 @@ h1,h2,.lede,.key dd:first-of-type{font-family:'Iowan Old Style','Palatino Linoty
 'Book Antiqua',Georgia,serif;font-weight:500}
 h1{font-size:clamp(2.4rem,7vw,4rem);line-height:1.05;margin:.1em 0 .25em;letter-spacing:-.015em;overflow-wrap:anywhere}
 h2{font-size:1.55rem;line-height:1.2;margin:0 0 .7rem}
+a{color:inherit;text-underline-offset:.2em}
 .kicker{margin:0;color:var(--soft);font-size:.85rem}
 .kicker::before{content:"";display:inline-block;width:2.2rem;height:.5rem;margin-right:.7rem;border-radius:1px;
 background:linear-gradient(90deg,var(--full) 0 33%,var(--linear) 33% 67%,var(--latent) 67%)}

@@ -110,9 +110,7 @@ def make_replay(run: FinishedRun) -> Replay | None:
         "triangles": packed(triangles, "u2"),
         "modes": packed(modes16.T, "i2"),
         "scales": scales.tolist(),
-        "motions": [
-            _described(run, clip, stride, found) for clip, found in zip(clips, coordinates16, strict=True)
-        ],
+        "motions": [_described(run, clip, stride, found) for clip, found in zip(clips, coordinates16, strict=True)],
     }
     caption = _caption(run, stride, names, len(vertices), len(scales), worst, mean)
     return Replay(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"), caption)

@@ -21,7 +21,14 @@ def replay_figure(replay: Replay) -> Markup:
     )
     pulls = Markup('<svg class="pulls" aria-hidden="true"></svg>')
     stage = element("div", canvas, pulls, element("div", class_="panels"), class_="stage")
-    key = element("p", "distance to full space: 0 ", element("i", class_="bar"), " ", element("output", class_="limit"), class_="key-bar")
+    key = element(
+        "p",
+        "distance to full space: 0 ",
+        element("i", class_="bar"),
+        " ",
+        element("output", class_="limit"),
+        class_="key-bar",
+    )
     hint = "Drag to turn; a wheel (after a click) or two fingers zoom. "
     figure = element(
         "figure",

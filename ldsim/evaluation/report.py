@@ -78,14 +78,14 @@ def build_report(
         if picture is not None:
             pictures.append(picture)
     numbers = collect(run, cost())
-    warnings = [
+    numbers["warnings"] = [
         *cautions(numbers, wanted.cubature_tolerance),
         *_missed_training_tolerance(run, wanted.training_tolerance_mm),
         *_unconverged_steps(run),
         *_changed_material(run),
     ]
     replay = make_replay(run) if wanted.pictures else None
-    page = render_page(numbers, figures, _within_budget(pictures), warnings, replay)
+    page = render_page(numbers, figures, _within_budget(pictures), numbers["warnings"], replay)
     return Report(numbers, page, figures, pictures)
 
 

@@ -24,7 +24,7 @@ MS_PER_S = 1000.0
 
 
 def collect(run: FinishedRun, own_cost: Mapping[str, float]) -> dict[str, Any]:
-    """The content of report.json.
+    """The content of report.json but its warnings, which follow from these numbers.
 
     Args:
         own_cost: seconds and peak_memory_mb of the report itself.

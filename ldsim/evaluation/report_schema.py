@@ -148,6 +148,7 @@ REPORT = Record(
         "simulate": Record({space: Sequence(SIMULATION) for space in SPACES}),
         "speedup": Record({"latent_over_linear": NUMBER, "latent_over_full": NUMBER}),
         "stages": Table(Record({"seconds": NUMBER, "peak_memory_mb": NUMBER}), keys=STAGES),
+        "warnings": Sequence(TEXT),
     }
 )
 

@@ -11,6 +11,14 @@ from ldsim.evaluation.paper import PAPER_CITATION, PAPER_MACHINE, PAPER_TABLE_1,
 from ldsim.evaluation.report_schema import METHODS, ROLES, SPACES
 
 ROLE_NAMES = {"train": "training", "heldout": "held-out"}
+TABLE_ONE = (
+    *("object", "cells", "autoencoder, s", "PCA, s", "cubature, s", "points", "kp", "r (k)"),
+    *("linear step, ms", "latent step, ms", "linear ÷ latent"),
+)
+MACHINE_REMARK = (
+    "Milliseconds and seconds do not carry over between machines; ratios, counts and errors do. "
+    f"The paper’s machine: {PAPER_MACHINE}."
+)
 METHOD_NAMES = {
     "autoencoder": "autoencoder",
     "pca_r": "PCA, r modes",
@@ -53,7 +61,7 @@ def subject(report: Mapping[str, Any]) -> Section:
         ("matching PCA dimension kp", number(dims["kp"])),
         ("displacement decoded at rest", number(report["rest_residual_mm"], unit="mm")),
     )
-    note = _note(
+    note = remark(
         "kp is the PCA dimension whose largest error on the training frames matches the autoencoder’s: "
         "the linear space that the latent one must beat."
     )
@@ -64,21 +72,18 @@ def table_one(report: Mapping[str, Any]) -> Section:
     """This run's row of Table 1, beside the paper's."""
     theirs = paper_row(report["experiment"])
     paper_rows = PAPER_TABLE_1 if theirs is None else (theirs,)
-    header = (
-        *("object", "cells", "autoencoder, s", "PCA, s", "cubature, s", "points", "kp", "r (k)"),
-        *("linear step, ms", "latent step, ms", "linear ÷ latent"),
-    )
-    rows = [_own_row(report), *map(_paper_row, paper_rows)]
-    remarks = [
-        "Milliseconds and seconds do not carry over between machines; ratios, counts and errors do. "
-        f"The paper’s machine: {PAPER_MACHINE}.",
-        *(f"{row.experiment}: {row.note}" for row in paper_rows if row.note),
-        f"Source: {PAPER_CITATION}.",
-    ]
+    name = joined(element("strong", report["experiment"]), " (this run)")
+    rows = [own_row(report, name), *map(paper_cells, paper_rows)]
+    remarks = [MACHINE_REMARK, *paper_remarks(paper_rows)]
     if theirs is None:
         remarks.insert(0, "The paper has no such object; its five stand here for orientation.")
-    content = table(header, rows, "This run as a row of the paper’s Table 1", highlight=0)
-    return Section("Beside the paper", (content, *map(_note, remarks)))
+    content = table(TABLE_ONE, rows, "This run as a row of the paper’s Table 1", highlight=0)
+    return Section("Beside the paper", (content, *map(remark, remarks)))
+
+
+def paper_remarks(rows: Iterable[PaperRow]) -> list[str]:
+    """What to know of the paper's rows, and where they are from."""
+    return [*(f"{row.experiment}: {row.note}" for row in rows if row.note), f"Source: {PAPER_CITATION}."]
 
 
 def reconstruction(report: Mapping[str, Any]) -> Section:
@@ -91,7 +96,7 @@ def reconstruction(report: Mapping[str, Any]) -> Section:
             cells += [number(errors["max_mm"]), number(errors["mean_mm"])]
         rows.append(cells)
     header = ("space", *(f"{name}, {kind} mm" for name in ("training", "held-out") for kind in ("max", "mean")))
-    note = _note(
+    note = remark(
         "Each pose is projected onto the space and compared vertex by vertex. "
         "What a space cannot hold, it cannot simulate."
     )
@@ -105,9 +110,9 @@ def cubature(report: Mapping[str, Any]) -> Section:
     for space in ("latent", "linear"):
         entry = report["cubature"][space] or {"points": None, "relative_error": dict.fromkeys(ROLES), "seconds": None}
         errors = [number(entry["relative_error"][role]) for role in ROLES]
-        rows.append((_space(space), number(entry["points"]), *errors, number(entry["seconds"])))
+        rows.append((space_label(space), number(entry["points"]), *errors, number(entry["seconds"])))
     header = ("space", "points", "relative error, training", "relative error, held-out", "seconds")
-    note = _note(
+    note = remark(
         "Forces are summed over a weighted few of the quadrature points; the error is that of the reduced force. "
         "Held-out poses are of the training motions, kept back from the fit."
     )
@@ -121,7 +126,7 @@ def simulation(report: Mapping[str, Any]) -> Section:
         *("online error", "restarted every 0.25 s", "max, mm", "mean, mm", "outcome"),
     )
     rows = [_run_row(space, run) for space in SPACES for run in report["simulate"][space]]
-    note = _note(
+    note = remark(
         "Online error: mean vertex distance to the full-space run of the same motion over its mean displacement. "
         "Iterations and evaluations are per step."
     )
@@ -148,7 +153,7 @@ def trust(report: Mapping[str, Any]) -> Section:
         for run in report["simulate"]["latent"]
         if run["trust"] is not None
     ]
-    note = _note(
+    note = remark(
         "The score is the distance of the latent state to the nearest training code; 99 % of the training codes "
         "score at most 1. It needs no full-space run, the true error does."
     )
@@ -179,13 +184,14 @@ def other_figures(figures: Mapping[str, str], known: Sequence[Section]) -> Secti
     return Section("More figures", figures=tuple(name for name in figures if name not in claimed))
 
 
-def _own_row(report: Mapping[str, Any]) -> tuple[str, ...]:
+def own_row(report: Mapping[str, Any], name: Markup) -> tuple[str, ...]:
+    """A run as a row of Table 1."""
     dims, stages, runs = report["dims"], report["stages"], headline_runs(report)
     seconds = [number((stages.get(stage) or {}).get("seconds")) for stage in ("train", "pca", "cubature")]
     points = [number((report["cubature"][space] or {}).get("points")) for space in ("latent", "linear")]
     medians = [number((runs.get(space) or {}).get("median_step_ms")) for space in ("linear", "latent")]
     return (
-        joined(element("strong", report["experiment"]), " (this run)"),
+        name,
         number(report["mesh"]["cells"]),
         *seconds,
         joined(points[0], " latent, ", points[1], " linear"),
@@ -196,7 +202,8 @@ def _own_row(report: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _paper_row(row: PaperRow) -> tuple[str, ...]:
+def paper_cells(row: PaperRow) -> tuple[str, ...]:
+    """A row of the paper's Table 1."""
     seconds = (f"{row.autoencoder_s:g}", f"{row.pca_s:g}", f"{row.cubature_s:g}")
     size = (str(row.kp), f"{row.r} ({row.k})")
     times = (f"{row.linear_ms:g}", f"{row.latent_ms:g}", f"{row.speedup:.2f}")
@@ -208,7 +215,7 @@ def _run_row(space: str, run: Mapping[str, Any]) -> tuple[str, ...]:
     counts = (run["frames"], run["median_step_ms"], run["p95_step_ms"], run["iterations"], run["evaluations"])
     outcome = element("span", "diverged", class_="bad") if run["diverged"] else joined("finished")
     return (
-        _space(space),
+        space_label(space),
         joined(run["motion"], " ", element("small", ROLE_NAMES[run["role"]])),
         *map(number, counts),
         percent(error["relative"]),
@@ -219,7 +226,7 @@ def _run_row(space: str, run: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _space(name: str) -> Markup:
+def space_label(name: str) -> Markup:
     """The name of a space with the colour that it has in every figure."""
     return element("span", name, class_=f"space {name}")
 
@@ -229,5 +236,5 @@ def _facts(facts: Iterable[tuple[str, Markup]]) -> Markup:
     return element("dl", *pairs, class_="facts")
 
 
-def _note(sentence: str) -> Markup:
+def remark(sentence: str) -> Markup:
     return element("p", sentence, class_="note")

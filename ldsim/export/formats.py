@@ -13,6 +13,7 @@ from ldsim.artefacts.folder import replacing_folder
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb
+from ldsim.export.onnx import write_onnx
 from ldsim.export.pictures import write_mp4, write_webm, write_webp
 from ldsim.export.playground import write_playground
 from ldsim.export.source import Playback, Source
@@ -49,6 +50,7 @@ class Format:
 
 
 VIDEO = Extra("imageio_ffmpeg", "pip install 'ldsim[video]'")
+ONNX = Extra("onnx", "pip install 'ldsim[onnx]'")
 FORMATS: dict[str, Format] = {
     "vtk": Format("one .vtu a frame and a .pvd with their times, for ParaView", motion=write_vtu_series),
     "xdmf": Format("XDMF with one HDF5 file, for ParaView", motion=write_xdmf),
@@ -61,6 +63,7 @@ FORMATS: dict[str, Format] = {
     "webm": Format("a video", ".webm", motion=write_webm, extra=VIDEO),
     "npz": Format("the reduced model as NumPy arrays", ".npz", model=write_npz),
     "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
+    "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),
     "playground": Format("one web page that simulates, without a server", ".html", model=write_playground),
 }
 
@@ -94,7 +97,8 @@ def export(source: Source, choice: Choice, output: Path | None = None) -> tuple[
             f"run {wanted.extra.install}"
         )
     if wanted.model is not None:
-        path = _output(source, wanted, f"{source.folder.resolve().name}{wanted.suffix}", output)
+        name = f"{source.folder.resolve().name}{wanted.suffix or '-' + choice.format}"
+        path = _output(source, wanted, name, output)
         with _writing(path, wanted) as temporary:
             wanted.model(source, temporary)
         return path, "the reduced model"

@@ -22,7 +22,16 @@ from ldsim.export.arrays import model_arrays, safetensors
 from ldsim.export.source import Source
 
 # The step and what it needs, in the order in which later files use earlier ones; node runs these alone in the tests.
-PHYSICS = ("tensors.js", "materials.js", "decoder.js", "potential.js", "stepping.js", "model.js", "surface.js", "solid.js")
+PHYSICS = (
+    "tensors.js",
+    "materials.js",
+    "decoder.js",
+    "potential.js",
+    "stepping.js",
+    "model.js",
+    "surface.js",
+    "solid.js",
+)
 PAGE = (*PHYSICS, "view.js", "page.js")
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
 SINGLE = ("vertices", "basis")

@@ -40,9 +40,7 @@ def surface_vertices(mesh: Mesh) -> NDArray[np.int32]:
     return np.unique(boundary_faces(mesh))
 
 
-def coarsened(
-    positions: NDArray[np.float64], triangles: NDArray[np.integer], limit: int
-) -> NDArray[np.int32]:
+def coarsened(positions: NDArray[np.float64], triangles: NDArray[np.integer], limit: int) -> NDArray[np.int32]:
     """Triangles between at most `limit` of the vertices, by clustering (Rossignac and Borrel 1993).
 
     The vertices in one cell of a grid become the one nearest to their mean, and triangles that lose their area vanish.

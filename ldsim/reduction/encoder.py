@@ -40,7 +40,12 @@ class Encoder:
         """z for a batch q, (N, k) → (N, r) float64."""
         if not self.weights:
             return q.copy()
-        return self._perceptron(q) - self._perceptron(np.zeros((1, q.shape[1])))
+        return self._perceptron(q) - self.rest
+
+    @property
+    def rest(self) -> Array:
+        """E(0), (r,); there must be weights."""
+        return self._perceptron(np.zeros((1, len(self.weights[0]))))[0]
 
     def _perceptron(self, x: Array) -> Array:
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):

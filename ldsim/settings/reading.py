@@ -98,7 +98,8 @@ def _sections_in(annotation: object) -> list[type[BaseModel]]:
     return [section for inner in getattr(annotation, "__args__", ()) for section in _sections_in(inner)]
 
 
-def dump(section: BaseModel) -> str:
-    """A section with its defaults as YAML, the same text for the same values."""
-    text: str = yaml.safe_dump(section.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120)
+def dump(section: BaseModel, defaults: bool = True) -> str:
+    """A section as YAML, with its defaults or with what was given alone, the same text for the same values."""
+    content = section.model_dump(mode="json", exclude_unset=not defaults)
+    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
     return text

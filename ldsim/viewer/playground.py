@@ -48,7 +48,8 @@ def record_server(scene: Scene, title: str, recorder: Recorder, port: int, until
     if scene.mesh.n_vertices > FULL_VERTICES:
         raise LdsimError(
             f"the mesh has {scene.mesh.n_vertices} vertices; up to {FULL_VERTICES} can be recorded on by hand: give a "
-            "coarser mesh of the same solid, with --mesh or --resolution (the motion is replayed on the fine one)"
+            "coarser mesh of the same solid, with --mesh, --resolution or --cells (the motion is replayed on the fine "
+            "one)"
         )
     simulator = full_simulator(scene)
     _warm(simulator)

@@ -131,12 +131,21 @@ class Session:
 
     def step(self) -> None:
         """One time step in every space shown."""
-        if self.recorder is not None and not self.recorder.prepare(self._shown[0]):
+        if self.recorder is not None and not self._prepared(self.recorder):
             self._audience.status(self.status())
         self._statistics = self._statistics or [Statistics() for _ in self._shown]
         for simulator, statistics in zip(self._shown, self._statistics, strict=True):
             statistics.add(simulator.step())
         self._simulated += self._shown[0].scene.time_step
+
+    def _prepared(self, recorder: Recorder) -> bool:
+        """Whether the recorder goes on; a motion that belongs to another solid is told and ends."""
+        try:
+            return recorder.prepare(self._shown[0])
+        except LdsimError as error:
+            recorder.replay(False, self._shown[0])
+            self._audience.notice(f"the playback ends: {error}")
+            return False
 
     def publish(self) -> None:
         """Send the present frame, and now and then the colours."""

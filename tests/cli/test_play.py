@@ -15,8 +15,15 @@ import yaml
 from click.testing import CliRunner
 
 from ldsim.cli.main import main
+from ldsim.settings import load_settings, resolve_path
 from tests.cli.experiments import TINY, refused
 from tests.simulator.playable import write_playable
+
+ONE = (
+    "MeshVersionFormatted 1\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
+    "Tetrahedra\n1\n1 2 3 4 0\nEnd\n"
+)
+TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +63,7 @@ def test_play_prints_the_address_serves_the_page_and_stops_when_interrupted(run:
 
 def test_record_serves_a_page_for_a_configuration_and_for_a_mesh_file(tmp_path: Path) -> None:
     mesh = tmp_path / "one.mesh"
-    mesh.write_text(
-        "MeshVersionFormatted 1\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
-        "Tetrahedra\n1\n1 2 3 4 0\nEnd\n"
-    )
+    mesh.write_text(ONE)
     for source in (config(tmp_path), mesh):
         page, _, _, status = started("record", str(source), "--no-browser", "--output", str(tmp_path / "m.csv"))
         assert "<canvas" in page and status == 0
@@ -78,6 +82,14 @@ def refusal(*arguments: str) -> str:
 def test_a_run_without_a_model_is_refused(run: Path, tmp_path: Path) -> None:
     (tmp_path / "scene.h5").write_bytes((run / "scene.h5").read_bytes())
     assert "basis.h5 does not exist; run `ldsim pca` first" in refusal("play", str(tmp_path))
+
+
+@pytest.mark.parametrize("command", [["play"], ["export", "--playground"], ["export", "--format", "npz"]], ids=" ".join)
+def test_a_run_that_was_not_trained_is_refused_with_what_to_run(run: Path, tmp_path: Path, command: list[str]) -> None:
+    for name in ("scene.h5", "basis.h5"):
+        (tmp_path / name).write_bytes((run / name).read_bytes())
+    assert "model.h5 does not exist; run `ldsim train` first" in refusal(*command, str(tmp_path))
+    assert not (tmp_path / "export").exists()
 
 
 @pytest.mark.parametrize("name", ["nothing", "nothing/at/all"])
@@ -102,3 +114,33 @@ def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
         (["record", str(given), "--output", str(tmp_path / "no" / "m.csv")], "cannot be written"),
     ):
         assert words in refusal(*arguments, "--no-browser")
+
+
+@pytest.mark.parametrize(("name", "content"), [("one.mesh", ONE), ("a solid.off", TETRAHEDRON)])
+def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str
+) -> None:
+    served = []
+    monkeypatch.setattr("ldsim.cli.record.serve", lambda server, browser: served.append(server))
+    if name.endswith(".off"):
+        pytest.importorskip("pytetwild", reason="fTetWild is not installed: pip install 'ldsim[surface]'")
+        monkeypatch.setattr("ldsim.cli.made_up.FINE_CELLS", 60)
+    source, made = tmp_path / name, tmp_path / "configs" / "made.yaml"
+    source.write_text(content, encoding="utf-8")
+    motion = tmp_path / "m.csv"
+    arguments = ["record", str(source), "--scale", "0.1", "--config", str(made), "--output", str(motion)]
+    result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
+    assert result.exit_code == 0 and len(served) == 1, result.output
+    settings = load_settings(made)
+    assert settings.experiment == source.stem.replace(" ", "-")
+    assert settings.snapshot.roles == ("train", "heldout")
+    assert resolve_path(settings.snapshot.motions[0].recording or "", made).resolve() == motion.resolve()
+    done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
+    assert done.exit_code == 0, done.output
+    assert "exists already; give --config another name" in refusal(*arguments)
+
+
+def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> None:
+    given = str(config(tmp_path))
+    assert "is a configuration already" in refusal("record", given, "--config", str(tmp_path / "b.yaml"))
+    assert "--cells needs mesh.surface" in refusal("record", given, "--cells", "100")

@@ -35,6 +35,7 @@ def example_report() -> dict[str, Any]:
             "mesh": {"seconds": 1.92, "peak_memory_mb": 412.3},
             "train": {"seconds": 17.3, "peak_memory_mb": 811.9},
         },
+        "warnings": ["On motion x_2 the latent run is far away."],
     }
 
 

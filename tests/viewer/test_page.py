@@ -207,6 +207,18 @@ def test_a_lost_connection_is_told_and_taken_up_again(tab: Tab) -> None:
     tab.wait(f"ldsim.frame > {frame}")
 
 
+def test_the_page_says_what_is_missing_without_webgl(browser: Tab, url: str) -> None:
+    script = browser.call(
+        "Page.addScriptToEvaluateOnNewDocument",
+        source="HTMLCanvasElement.prototype.getContext = () => null",
+    )
+    try:
+        browser.open(url)
+        browser.wait("document.body.innerText.includes('This browser has no WebGL 2; try another')")
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+
+
 def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, run: Path) -> None:
     for tab in opened(browser, url + "?decode=gpu"):
         assert tab.evaluate("ldsim.gpu") is True

@@ -17,11 +17,13 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.simulator import load
 from ldsim.viewer.payload import FRAME
-from ldsim.viewer.playground import play_server
+from ldsim.viewer.playground import play_server, record_server
+from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server, ServerError
-from tests.simulator.playable import K
+from tests.simulator.playable import K, solid
 from tests.viewer.served import joined, origin, served
 
 
@@ -196,6 +198,18 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
         page.send('{"kind": "move", "id": 99, "target": [0, 0, 0]}')
         page.send('{"kind": "release", "id": 99}')
         assert next_frame(page)
+
+
+def test_a_motion_for_another_solid_ends_its_playback_and_is_told(tmp_path: Path) -> None:
+    drag = Drag(3, np.array([9.0, 0.0, 0.0]), np.full((4, 3), 9.0), 0.01, 30.0)
+    recorder = Recorder(tmp_path / "m.csv", 30.0, 0.01, {}, Motion("foreign", 10, (drag,)))
+    with served(record_server(solid(1), "beam", recorder, 0, until_closed=False)) as url, joined(url) as page:
+        page.send('{"kind": "pause", "value": false}')
+        page.send('{"kind": "replay", "value": true}')
+        text = next_of(page, "notice")["text"]
+        assert text.startswith("the playback ends: the grab at frame 3 hits no vertex")
+        assert "check that the motion belongs to this mesh" in text
+        assert next_frame(page) and not recorder.replaying
 
 
 def test_spaces_stand_side_by_side_and_each_has_its_block(url: str) -> None:

@@ -1,0 +1,77 @@
+"""The configuration that `ldsim record` makes up for a mesh or surface file that comes without one."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ldsim.artefacts.store import replacing
+from ldsim.mechanics.motion import usual_grip
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.formats import read_mesh, read_surface
+from ldsim.settings import Settings, dump, settings_of
+
+SURFACES = (".stl", ".obj", ".ply", ".off")
+# Of the extent of the file along the axis that it is pinned on.
+PINNED_SHARE = 0.05
+# Tets of a surface: few for the hand, more for the model.
+COARSE_CELLS, FINE_CELLS = 2000, 10_000
+# How far the pulls of the held-out motion go, and the error that PCA may leave, in diagonals.
+REACH, PCA_TOLERANCE = 0.2, 0.004
+
+
+def is_surface(source: Path) -> bool:
+    """Whether a file holds a surface, by its suffix."""
+    return source.suffix.lower() in SURFACES
+
+
+def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axis: str, recording: Path) -> Settings:
+    """A solid of the usual material, pinned at the low end of an axis, that learns from one recording.
+
+    Args:
+        config: where the configuration would lie; its paths are relative to that folder.
+
+    Raises:
+        MeshError: the file cannot be read.
+    """
+    surface = is_surface(source)
+    vertices = (read_surface(source, scale) if surface else read_mesh(source, scale).mesh).vertices
+    thickness = PINNED_SHARE * float(np.ptp(vertices[:, "xyz".index(axis)]))
+    file = os.path.relpath(source, config.parent)
+    content = {
+        "experiment": re.sub(r"[^A-Za-z0-9_.-]+", "-", source.stem),
+        "mesh": {
+            **({"surface": {"file": file, "cells": FINE_CELLS}} if surface else {"file": file}),
+            "scale": scale,
+            "material": {"youngs_modulus": youngs_modulus},
+            "pins": [{"slab": {"axis": axis, "at": "min", "thickness": float(f"{thickness:.3g}")}}],
+        },
+        "snapshot": {
+            "motions": [
+                {"name": "by_hand", "role": "train", "recording": os.path.relpath(recording, config.parent)},
+            ]
+        },
+        "train": {"r": 8},
+        "cubature": {"poses": 200, "heldout_poses": 50},
+    }
+    return settings_of(content, str(source))
+
+
+def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
+    """Write a made-up configuration, with a few random pulls to judge the model by.
+
+    Raises:
+        ArtefactError: it cannot be written.
+    """
+    stiffness, radius = usual_grip(scene)
+    diagonal = scene.mesh.diagonal
+    numbers = {"reach": REACH * diagonal, "stiffness": stiffness, "radius": radius}
+    pulls = {"count": 4, "seed": 1, "rest": 60} | {name: float(f"{value:.3g}") for name, value in numbers.items()}
+    content = settings.model_dump(mode="json", exclude_unset=True)
+    content["snapshot"]["motions"].append({"name": "pulls", "role": "heldout", "pulls": pulls})
+    content["pca"] = {"tolerance_mm": float(f"{1e3 * PCA_TOLERANCE * diagonal:.3g}")}
+    with replacing(path) as temporary:
+        temporary.write_text(dump(settings_of(content, str(path)), defaults=False), encoding="utf-8")
