@@ -20,6 +20,7 @@ from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import Elements, add_elastic_gradient, point_stresses
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.kernels import add_point_powers
+from ldsim.reduction.cubature.part import Part
 from ldsim.reduction.decoder import Decoder
 from ldsim.threads import in_threads
 
@@ -55,39 +56,6 @@ class Closure:
             raise SolverError(
                 f"cubature: closure share is {self.share:g}; allowed is 0 (decoded poses) … 1 (true poses)"
             )
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Some quadrature points with the rows of the basis at their vertices, renumbered from 0.
-
-    Attributes:
-        points: their numbers in the scene, (c,).
-        elements: the points themselves.
-        rows: U at their vertices, (v, 3, k).
-    """
-
-    points: Indices
-    elements: Elements
-    rows: Array
-
-    @classmethod
-    def of(cls, elements: Elements, U: Array, points: Indices) -> Part:
-        vertices, nodes = np.unique(elements.nodes[points], return_inverse=True)
-        part = Elements(
-            nodes.reshape(elements.nodes[points].shape).astype(np.int32),
-            elements.gradients[points],
-            elements.weights[points],
-            elements.kind[points],
-            elements.mu[points],
-            elements.lam[points],
-        )
-        return cls(points, part, np.ascontiguousarray(U.reshape(-1, 3, U.shape[1])[vertices]))
-
-    def fields(self, q: Array) -> Array:
-        """U q at the vertices of the part for a batch q, (T, k) → (T, v, 3)."""
-        fields: Array = (q @ self.rows.reshape(-1, self.rows.shape[2]).T).reshape(len(q), -1, 3)
-        return fields
 
 
 class ProjectedForces:

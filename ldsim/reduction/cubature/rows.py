@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ldsim.mechanics.elastic import Elements, elastic_energy
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.forces import Part, ProjectedForces, pose_scales
+from ldsim.reduction.cubature.forces import ProjectedForces, pose_scales
 from ldsim.reduction.cubature.kernels import add_point_energies
+from ldsim.reduction.cubature.part import Part
 from ldsim.reduction.decoder import Decoder
 from ldsim.threads import in_threads
 

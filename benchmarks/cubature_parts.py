@@ -1,0 +1,229 @@
+"""What benchmarks/cubature.py measures, part by part: quality, methods, online, scaling. Fitted sets are kept."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cubature_models import Model
+from every_element import EveryElement, run
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced_model import ReducedStepper
+from ldsim.evaluation.comparison import run_reduced, with_errors
+from ldsim.reduction.cubature.fit import METHODS
+from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureSet, relative_errors
+from ldsim.reduction.cubature.metric import rest_compliance
+from ldsim.reduction.cubature.selection import Recipe, perturb, select, split_poses
+
+Row = dict[str, Any]
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# Most points: the error that the goal asks for on held-out poses, and the one to fit to.
+GOALS = {100: (0.05, 0.015), 300: (0.01, 0.003)}
+NORMS = ("force", "compliance")
+# Sizes of the table of methods, and of the sets that are stepped.
+SIZES = (5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300)
+STEPPED = (30, 50, 100, 300)
+# Of the true poses in the target, as the configurations of x, beam and demo have it.
+CLOSURE = 0.3
+STOP = 1e-7
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much to measure.
+
+    Attributes:
+        poses: fitted, at most two thirds of all. kept_back: of the training motions, to judge.
+        perturbed: of the recipe. frames: of a motion that are stepped, None for all.
+    """
+
+    poses: int = 400
+    kept_back: int = 200
+    most: tuple[int, ...] = (100, 300)
+    method_points: int = 300
+    frames: int | None = None
+
+
+QUICK = Effort(150, 60, (100,), 60, 60)
+
+# What a set is fitted to, by the name that tables have for it.
+FITS: dict[str, dict[str, Any]] = {
+    "latent-aware": {"compliance": False},
+    "compliance norm": {},
+    "linear-space": {"compliance": False, "latent": False},
+    "closure": {"closure": CLOSURE},
+}
+
+
+def row(model: str, quantity: str, value: float | None, unit: str = "", goal: str | None = None) -> Row:
+    return {"model": model, "quantity": quantity, "value": value, "unit": unit, "goal": goal}
+
+
+def poses(model: Model, effort: Effort) -> tuple[Indices, Indices]:
+    """The frames that are fitted, and those kept back."""
+    frames = len(model.space.z)
+    fitted = min(effort.poses, 2 * frames // 3)
+    return split_poses(frames, fitted, min(effort.kept_back, frames - fitted), seed=0)
+
+
+def largest(ladder: tuple[CubatureSet, ...], most: int) -> CubatureSet:
+    """The largest set of at most so many points, the best of these on the fitted poses."""
+    return max((entry for entry in ladder if len(entry.points) <= most), key=lambda entry: len(entry.points))
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The ladder of a fit of at most `most` points, kept in `folder` once it is there."""
+
+    model: Model
+    effort: Effort
+    folder: Path
+
+    def ladder(self, fit: str, most: int) -> tuple[CubatureSet, ...]:
+        path = self.folder / f"{self.model.name}-{fit.replace(' ', '_')}-{most}.npz"
+        if not path.exists():
+            recipe = Recipe(Goal(GOALS[most][1], most), **FITS[fit])
+            print(f"  {self.model.name}: fitting {fit}, at most {most} points", flush=True)
+            found = select(self.model.space, *poses(self.model, self.effort), recipe).fit.ladder
+            arrays = {f"{name}_{i}": getattr(entry, name) for i, entry in enumerate(found) for name in vars(entry)}
+            np.savez(path, **arrays)
+        with np.load(path) as stored:
+            return tuple(
+                CubatureSet(stored[f"points_{i}"], stored[f"weights_{i}"], float(stored[f"training_error_{i}"]))
+                for i in range(len(stored.files) // 3)
+            )
+
+
+def judges(model: Model, effort: Effort) -> Iterator[tuple[str, str, ProjectedForces]]:
+    """Forces of the decoded poses, none of which was fitted, in either norm: which poses, which norm, the forces."""
+    space, (_, kept_back) = model.space, poses(model, effort)
+    places = np.linspace(0, len(model.unseen) - 1, min(effort.kept_back, len(model.unseen))).astype(int)
+    W = rest_compliance(space.stiffness, space.decoder, space.z)
+    for name, z in {
+        "held-out poses": space.z[kept_back],
+        "perturbed poses": perturb(space.z, kept_back, Recipe.perturbation, (1,)),
+        "held-out motion": model.unseen[places],
+    }.items():
+        for norm, metric in zip(NORMS, (None, W), strict=True):
+            yield name, norm, ProjectedForces(space.scene, space.U, space.decoder, z, metric=metric, threads=0)
+
+
+def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
+    """Errors on poses that were not fitted, of sets fitted in either norm, in both norms."""
+    rows = [
+        row(model.name, "cells", model.cells),
+        row(model.name, "r", model.space.decoder.r),
+        row(model.name, "k", model.space.decoder.k),
+        row(model.name, "fitted poses", len(poses(model, effort)[0])),
+    ]
+    fits = ("latent-aware", "compliance norm")
+    sets = {(fit, most): largest(fitted.ladder(fit, most), most) for most in effort.most for fit in fits}
+    rows += [
+        row(model.name, f"points, {fit}, at most {most}", len(entry.points), "", f"<= {most}")
+        for (fit, most), entry in sets.items()
+    ]
+    for place, norm, forces in judges(model, effort):
+        errors = relative_errors(forces, list(sets.values()))
+        for (fit, most), error in zip(sets, errors, strict=True):
+            asked = place == "held-out poses" and (fit == "latent-aware") == (norm == "force")
+            goal = f"<= {GOALS[most][0]}" if asked else None
+            name = f"relative error, {place}, {norm}, {fit}, at most {most} points"
+            rows.append(row(model.name, name, float(error), "", goal))
+    return rows
+
+
+def methods(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
+    """Points against error of all methods on the same poses, fitted in the plain norm of the publications."""
+    chosen, kept_back = poses(model, effort)
+    space, rows = model.space, []
+    forces = ProjectedForces(space.scene, space.U, space.decoder, space.z[kept_back], threads=0)
+    for method in METHODS:
+        print(f"  {model.name}: {method}", flush=True)
+        recipe = Recipe(Goal(1e-3, effort.method_points), method, compliance=False)
+        ladder = select(space, chosen, kept_back, recipe).fit.ladder
+        sizes = [size for size in SIZES if size <= effort.method_points]
+        errors = relative_errors(forces, [largest(ladder, size) for size in sizes])
+        for size, error in zip(sizes, errors, strict=True):
+            rows.append(row(model.name, f"held-out error, {method}, {size} points", float(error)))
+    return rows
+
+
+def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
+    """Online error of sets against that of every element, on each motion of the run."""
+    sizes = [size for size in STEPPED if size <= max(effort.most)]
+    rows = []
+    for motion in model.snapshots.names:
+        role = model.snapshots.recorded(motion).role
+        started = time.perf_counter()
+        whole = every_element_error(model, motion, effort.frames)
+        print(f"  {model.name}: every element on {motion}, {time.perf_counter() - started:.0f} s", flush=True)
+        rows.append(row(model.name, f"online error, every element, {motion} ({role})", whole))
+        for fit in FITS:
+            for size in sizes:
+                most = min(most for most in effort.most if most >= size)
+                if fit == "linear-space" and most > 100:
+                    continue
+                value = set_error(model, largest(fitted.ladder(fit, most), size), motion, effort.frames)
+                name = f"{fit}, {size} points, {motion} ({role})"
+                goal = "<= 0.01" if fit == "latent-aware" and size in effort.most else None
+                rows.append(row(model.name, f"online error, {name}", value))
+                rows.append(row(model.name, f"added to the online error, {name}", value - whole, "", goal))
+    return rows
+
+
+def every_element_error(model: Model, motion: str, frames: int | None) -> float:
+    """Mean vertex distance over mean displacement of a motion stepped with all quadrature points."""
+    space, recorded = model.space, model.snapshots.recorded(motion)
+    count = min(frames or recorded.motion.frames, recorded.motion.frames)
+    stepper = EveryElement(space.scene, space.U, space.decoder)
+    q = run(stepper, recorded.motion, dict(recorded.held), count)
+    read, distance, moved = model.snapshots.reader(motion), 0.0, 0.0
+    for first in range(0, count, 64):
+        u = read(first, min(first + 64, count)).astype(np.float64)
+        decoded = (q[first : first + len(u)] @ space.U.T).reshape(u.shape)
+        distance += float(np.linalg.norm(decoded - u, axis=2).sum())
+        moved += float(np.linalg.norm(u, axis=2).sum())
+    return distance / moved
+
+
+def set_error(model: Model, points: CubatureSet, motion: str, frames: int | None) -> float:
+    """The same with a cubature set, as `ldsim simulate` steps it."""
+    space, recorded = model.space, model.snapshots.recorded(motion)
+    stepper = ReducedStepper(
+        space.scene, space.U, space.decoder, points.points, points.weights, tolerance=STOP, current=True
+    )
+    count = min(frames or recorded.motion.frames, recorded.motion.frames)
+    done = run_reduced(stepper, space.scene, recorded.motion, recorded.held, range(count))
+    done = with_errors(done, space.U, model.snapshots.reader(motion), done)
+    assert done.mean_error is not None and done.mean_displacement is not None
+    return float(done.mean_error.sum() / done.mean_displacement.sum())
+
+
+def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
+    """Seconds of a fit with its judging, kernels compiled before; memory of the whole process so far."""
+    chosen, kept_back = poses(model, effort)
+    select(model.space, chosen[:4], kept_back[:4], Recipe(Goal(0.5, 4), compliance=False))
+    rows = [row(model.name, "cells", model.cells), row(model.name, "fitted poses", len(chosen))]
+    large = model.name == "dragon"
+    for most in effort.most:
+        started = time.perf_counter()
+        select(model.space, chosen, kept_back, Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"]))
+        seconds = time.perf_counter() - started
+        limit = f"<= {300 if large else 60}" if most == 100 else None
+        rows.append(row(model.name, f"cubature, at most {most} points", seconds, "s", limit))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 2**30
+    return [*rows, row(model.name, "peak memory", memory, "GiB", "<= 12" if large else None)]
+
+
+Part = Callable[[Model, Effort, Fitted], list[Row]]
+PARTS: dict[str, Part] = {"quality": quality, "methods": methods, "online": online, "scaling": scaling}
