@@ -6,8 +6,9 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 from numba import njit
@@ -20,9 +21,12 @@ from ldsim.errors import SolverError
 Array = NDArray[np.float64]
 Chunks = Callable[[], Iterable[NDArray[np.float32]]]
 
-# Columns whose products are summed in float32, and the share of the largest singular value down to which that serves.
+# Columns that are multiplied at a time, and the share of the largest singular value down to which it serves to sum
+# their products in single precision.
 BLOCK = 4096
 SINGLE = 1e-3
+# Chunks whose products with all others are formed in one pass over those.
+HELD = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +55,14 @@ def inner_product(mass: csr_array, kind: str) -> csr_array:
     return mass if kind == "mass" else csr_array(eye_array(mass.shape[0]))
 
 
+def is_identity(metric: csr_array) -> bool:
+    """Whether the inner product is the Euclidean one."""
+    return bool(metric.nnz == metric.shape[0] and (metric.data == 1).all())
+
+
 def weighted(metric: csr_array, fields: NDArray[np.floating]) -> Array:
     """Applies a scalar (n, n) metric to rows of displacements (b, 3n); (b, 3n) float64."""
-    if metric.nnz == metric.shape[0] and (metric.data == 1).all():
+    if is_identity(metric):
         return np.asarray(fields, dtype=np.float64)
     stacked = np.asarray(fields, dtype=np.float64).reshape(len(fields), -1, 3)
     moved = np.ascontiguousarray(stacked.transpose(1, 0, 2)).reshape(stacked.shape[1], -1)
@@ -68,16 +77,18 @@ def coordinates(metric: csr_array, U: Array, fields: NDArray[np.floating]) -> Ar
 
 
 def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] = np.float64) -> Array:
-    """X M Xᵀ over all snapshots, (N, N) float64; holds three chunks at a time.
+    """X M Xᵀ over all snapshots, (N, N) float64; reads them once for every `HELD` chunks, and holds few more than that.
 
     Args:
         products: np.float32 halves the time; products of a few columns are then summed in float64. What is smaller
             than about 1e-4 of the largest singular value is lost in their rounding.
     """
-    rows = []
-    for i, left in enumerate(chunks()):
-        product = weighted(metric, left).astype(products, copy=False)
-        rows.append(np.hstack([_products(product, right) for j, right in enumerate(chunks()) if j <= i]))
+    rows: list[Array] = []
+    stream, before = iter(chunks()), 0
+    while held := list(islice(stream, HELD)):
+        left = np.concatenate([_for_products(metric, chunk, products) for chunk in held])
+        rows.append(np.hstack([_products(left, right) for right in chain(islice(chunks(), before), held)]))
+        before += len(held)
     total = sum(len(row) for row in rows)
     gram = np.zeros((total, total))
     start = 0
@@ -89,13 +100,21 @@ def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] =
     return symmetric
 
 
+def _for_products(metric: csr_array, chunk: NDArray[np.float32], products: type[np.floating]) -> NDArray[np.floating]:
+    return (chunk if is_identity(metric) else weighted(metric, chunk)).astype(products, copy=False)
+
+
 def _products(left: NDArray[np.floating], right: NDArray[np.float32]) -> Array:
     """left rightᵀ, float64, in blocks of columns: each block in the precision of `left`, their sum in float64."""
     total = np.zeros((len(left), len(right)))
-    for start in range(0, left.shape[1], BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in _blocks(left.shape[1]):
         total += left[:, block] @ right[:, block].T.astype(left.dtype, copy=False)
     return total
+
+
+def _blocks(columns: int) -> Iterator[slice]:
+    """Columns in pieces that stay in the cache."""
+    return (slice(start, start + BLOCK) for start in range(0, columns, BLOCK))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,13 +170,14 @@ def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | N
         raise SolverError(
             f"k = {k} but only {found.independent} of {len(singular)} training snapshots are independent; lower pca.k"
         )
-    modes = None
+    rows = np.zeros((k, 3 * metric.shape[0]))
     start = 0
     for chunk in chunks():
-        part = chunk.T.astype(np.float64) @ (found.vectors[start : start + len(chunk), :k] / singular[:k])
-        modes = part if modes is None else modes + part
+        weights = (found.vectors[start : start + len(chunk), :k] / singular[:k]).T
+        for block in _blocks(chunk.shape[1]):
+            rows[:, block] += weights @ chunk[:, block].astype(np.float64)
         start += len(chunk)
-    assert modes is not None
+    modes = np.ascontiguousarray(rows.T)
     return orthonormalised(orthonormalised(modes, metric), metric), singular
 
 

@@ -12,6 +12,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.reduction.autoencoder import Forces
 from ldsim.reduction.pca import Chunks
+from ldsim.threads import in_threads
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,8 @@ def pose_forces(
 ) -> Forces:
     """K̃ and the force that projection adds at some of the training snapshots.
 
-    Every quadrature point is integrated; the point tangents are clamped to be positive semidefinite.
+    Every quadrature point is integrated; the point tangents are clamped to be positive semidefinite. Poses are shared
+    out over the cores.
 
     Args:
         U: basis, (3n, k). q: coordinates of all snapshots, (N, k). chunks: their displacements, in the same order.
@@ -38,19 +40,26 @@ def pose_forces(
     elements = scene.elements
     pattern = StiffnessPattern(scene.points.nodes, scene.free, n)
     free = np.ascontiguousarray(U.reshape(n, 3, k)[scene.free].reshape(-1, k))
+
     stiffness, excess = np.empty((len(frames), k, k)), np.empty((len(frames), k))
-    done, start = 0, 0
+
+    def evaluate(number: int, u: Array) -> None:
+        stiffness[number] = free.T @ (pattern.matrix(pattern.stiffness_blocks(elements, u, clamp=True)) @ free)
+        added = np.zeros((n, 3))
+        add_elastic_gradient(elements, u, added)
+        np.negative(added, out=added)
+        # A projection that inverts a point has no force; what was added before it stops counts for nothing then.
+        inverted = not np.isfinite(add_elastic_gradient(elements, (U @ q[frames[number]]).reshape(n, 3), added))
+        excess[number] = 0.0 if inverted else U.T @ added.ravel()
+
+    start = 0
     for chunk in chunks():
-        for frame in frames[(frames >= start) & (frames < start + len(chunk))]:
-            u = chunk[frame - start].reshape(n, 3).astype(np.float64)
-            stiffness[done] = free.T @ (pattern.matrix(pattern.stiffness_blocks(elements, u, clamp=True)) @ free)
-            added = np.zeros((n, 3))
-            add_elastic_gradient(elements, u, added)
-            np.negative(added, out=added)
-            # A projection that inverts a point has no force; what was added before it stops counts for nothing then.
-            inverted = not np.isfinite(add_elastic_gradient(elements, (U @ q[frame]).reshape(n, 3), added))
-            excess[done] = 0.0 if inverted else U.T @ added.ravel()
-            done += 1
+
+        def work(number: int, chunk: NDArray[np.float32] = chunk, start: int = start) -> None:
+            evaluate(number, chunk[frames[number] - start].reshape(n, 3).astype(np.float64))
+
+        here = np.flatnonzero((frames >= start) & (frames < start + len(chunk)))
+        for _ in in_threads(work, here.tolist()):
             progress()
         start += len(chunk)
     return Forces(frames, stiffness, excess)
