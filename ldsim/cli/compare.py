@@ -11,7 +11,7 @@ from urllib.parse import quote
 import click
 
 from ldsim import __version__
-from ldsim.artefacts.store import replacing
+from ldsim.artefacts.atomic import replacing
 from ldsim.errors import ExportError
 from ldsim.evaluation.compare_figures import figures
 from ldsim.evaluation.compare_page import render_comparison

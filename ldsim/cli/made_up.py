@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ldsim.artefacts.store import replacing
+from ldsim.artefacts.atomic import replacing
 from ldsim.mechanics.motion import usual_grip
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
