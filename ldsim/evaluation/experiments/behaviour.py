@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.evaluation.experiments.experiment import Bench, Outcome, Relation
 from ldsim.evaluation.experiments.reduced_runs import Material, opened, relative_error
-from ldsim.evaluation.experiments.scenes import bar, catapult, elephant
+from ldsim.evaluation.experiments.scenes import bar, catapult, dragon, elephant
 from ldsim.evaluation.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
@@ -81,6 +81,29 @@ def _reach(run: Material, trajectory: Trajectory) -> Array:
 
 def _largest(values: Array) -> float:
     return float(values.max()) if np.isfinite(values).all() else float("inf")
+
+
+def cubature_against_every_element(bench: Bench) -> Outcome:
+    """Figure 11: the dragon at E = 1e5 Pa in the latent space against full space, with and without cubature."""
+    with opened(bench.made(dragon(bench.quick), "cubature")) as run, one_thread():
+        name, points = run.names[0], run.cubature("latent")
+        played = {
+            "every element": run.play(name, run.model.decoder),
+            f"{len(points.points)} points": run.play(name, run.model.decoder, points),
+        }
+    figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
+    for i, (label, trajectory) in enumerate(played.items()):
+        assert trajectory.mean_error is not None
+        ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=0.5 + 0.5 * i, label=label)
+    legend(ax)
+    errors = {label: relative_error(trajectory) for label, trajectory in played.items()}
+    every, few = errors.values()
+    relations = (
+        Relation("online error with every element", every, "<= 0.1"),
+        Relation("what cubature adds to it", few - every, "<= 0.01"),
+    )
+    label = "Mean vertex error of the dragon over time, with every element and with cubature"
+    return Outcome(to_svg(figure, label), {"online_error": errors}, relations)
 
 
 def material_after_training(bench: Bench) -> Outcome:

@@ -77,6 +77,16 @@ def bar(quick: bool, youngs_modulus: float = 1e5) -> Configuration:
     return _configuration(f"paper-bar{suffix}", mesh, motions, {"r": 5} | QUICK_TRAINING, 20, QUICK_CUBATURE)
 
 
+def coarse_bar(quick: bool) -> Configuration:
+    """The coarse one of the public beams, or a procedural one, in a basis with UᵀU = I as full-space losses take it."""
+    if quick:
+        configuration = bar(True) | {"experiment": "paper-coarse-beam"}
+    else:
+        mesh = _solid(8e4, _slab("x", 0.021), file=f"{MESHES}beam_3042.mesh")
+        configuration = _configuration("coarse-beam", mesh, [_recorded("beam")], {}, 15)
+    return configuration | {"pca": {"k": 15, "inner_product": "euclidean"}}
+
+
 def elephant(quick: bool) -> Configuration:
     """The elephant of the paper, or its coarse relative and the first frames of the recording."""
     local = _recorded("local_effect", role="heldout")
@@ -97,6 +107,18 @@ def armadillo(quick: bool) -> Configuration:
     mesh = _solid(6e3, ball, file=f"{MESHES}armadillo_3104.mesh")
     motions = [_recorded("armadillo", 250)]
     return _configuration("paper-armadillo", mesh, motions, {"r": 12} | QUICK_TRAINING, 40, QUICK_CUBATURE)
+
+
+def dragon(quick: bool) -> Configuration:
+    """The dragon of Figure 11, or the coarse one and the first frames of the recording."""
+    pins = _slab("y", 0.01)
+    if not quick:
+        mesh = _solid(1e5, pins, file=f"{MESHES}dragon_56822.mesh")
+        return _configuration("dragon", mesh, [_recorded("dragon")], {"r": 11}, 29)
+    mesh = _solid(1e5, pins, file=f"{MESHES}dragon_6216.mesh")
+    return _configuration(
+        "paper-dragon", mesh, [_recorded("dragon", 150)], {"r": 11} | QUICK_TRAINING, 29, QUICK_CUBATURE
+    )
 
 
 def catapult(quick: bool) -> Configuration:

@@ -10,6 +10,7 @@ from ldsim.evaluation.experiments.convergence import convergence_relations
 from ldsim.evaluation.experiments.experiment import Relation
 from ldsim.evaluation.experiments.sizes import _share_of_gain, grid_relations
 from ldsim.evaluation.experiments.timing import table_relations
+from ldsim.evaluation.experiments.training_modes import mode_relations
 from ldsim.solvers.solution import Reason, Solution
 
 # Figure 7 of the paper, raw, largest error in mm data of its authors, r 3 at every k "about 43".
@@ -84,3 +85,13 @@ def test_the_papers_table_keeps_its_promise_and_a_slow_model_breaks_it() -> None
         "linear step over latent step, elephant",
         "geometric mean of linear over latent step",
     ]
+
+
+def test_the_papers_modes_keep_what_they_say_but_for_the_random_start() -> None:
+    errors = {"random": 8.8e-7, "pca_trained": 5.6e-7, "pca_frozen": 6.1e-7, "pca_space": 4.1e-7}
+    seconds = {"random": 473.0, "pca_trained": 461.0, "pca_frozen": 456.0, "pca_space": 195.0}
+    pca = {5: 7.9e-6, 10: 5.1e-7}
+    assert verdicts(mode_relations(errors, seconds, pca)) == [False, True, True]
+    assert mode_relations(errors | {"random": 7e-7}, seconds, pca)[0].holds
+    assert not mode_relations(errors | {"pca_space": 6e-7}, seconds, pca)[1].holds
+    assert not mode_relations(errors, seconds | {"pca_frozen": 200.0}, pca)[2].holds

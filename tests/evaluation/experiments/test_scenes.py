@@ -13,6 +13,8 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 SCENES = {
     "x": scenes.cross,
     "beam": scenes.bar,
+    "coarse-beam": scenes.coarse_bar,
+    "dragon": scenes.dragon,
     "elephant": scenes.elephant,
     "armadillo": scenes.armadillo,
     "catapult": scenes.catapult,
