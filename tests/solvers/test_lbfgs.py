@@ -155,6 +155,27 @@ def test_the_preconditioner_may_be_renewed_on_the_way() -> None:
     assert asked == list(range(6))
 
 
+def test_a_renewed_preconditioner_forgets_the_pairs_before_it() -> None:
+    A, b, kept, none = spd(12, 1e3), np.ones(12), np.zeros(12), np.zeros(12)
+    renewed = minimise(quadratic(A, b), kept, lambda r: r / 1e3, 1e-8, max_iterations=40, refresh=lambda *_: True)
+    plain = minimise(quadratic(A, b), none, lambda r: r / 1e3, 1e-8, max_iterations=40, window=0)
+    np.testing.assert_array_equal(kept, none)
+    assert renewed == plain
+
+
+def test_a_direction_that_climbs_is_replaced_by_the_preconditioned_gradient() -> None:
+    calls = 0
+
+    def wrong_once(r: Array) -> Array:
+        nonlocal calls
+        calls += 1
+        return -r if calls == 3 else r.copy()
+
+    solution = minimise(rosenbrock, np.array([-1.2, 1.0]), wrong_once, 1e-9)
+    assert solution.converged
+    assert calls == solution.iterations + 1
+
+
 def pairs(count: int, size: int = 6) -> list[tuple[Array, Array]]:
     """Steps and the gradient differences of a quadratic along them."""
     A, rng = spd(size, 50), np.random.default_rng(3)
