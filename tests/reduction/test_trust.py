@@ -58,6 +58,15 @@ def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> No
     assert trust(good).max() < trust.threshold <= trust(far).min()
 
 
+@pytest.mark.parametrize(("times", "told"), [(1.9, False), (2.1, True)])
+def test_a_pose_is_badly_decoded_from_twice_the_usual_error_on(times: float, told: bool) -> None:
+    rng, usual = np.random.default_rng(3), 1e-3 * np.linalg.svd(MATRIX)[0][:, 5]
+    good, far = rng.normal(size=(50, 2)), ring(30.0, 50)
+    unseen = np.vstack([good @ MATRIX.T + usual, far @ MATRIX.T + times * usual])
+    trust = fit_trust(*plane(), rng.normal(size=(300, 2)) @ MATRIX.T + usual, unseen)
+    assert (trust.threshold != 2.0) == told
+
+
 def test_a_code_that_is_not_finite_has_no_score() -> None:
     trust = Trust(np.zeros((1, 2)), 1.0, 1.0)
     assert np.isnan(trust(np.array([[np.nan, 0.0]]))).all()
