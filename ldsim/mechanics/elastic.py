@@ -96,11 +96,13 @@ def point_stresses(elements: Elements, u: Array, stresses: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def smallest_volume_ratio(elements: Elements, u: Array) -> tuple[int, float]:
-    """The point where det F is smallest, or not a number, and its value."""
+    """The point where det F is smallest and its value; the first where it is not a number, if there is one."""
     worst, smallest = 0, np.inf
     for s in range(elements.weights.shape[0]):
         J = determinant(deformation_gradient(elements.nodes, elements.gradients, s, u))
-        if not J >= smallest:
+        if np.isnan(J):
+            return s, J
+        if J < smallest:
             worst, smallest = s, J
     return worst, smallest
 

@@ -156,6 +156,18 @@ def test_a_state_with_an_inverted_cell_has_infinite_energy_if_the_material_forbi
         assert np.isinf(add_elastic_gradient(body.elements, u, np.zeros_like(u))) == expected
 
 
+def test_the_smallest_volume_ratio_is_that_of_the_most_crushed_point_and_what_is_not_finite_is_worse() -> None:
+    body = solid("neo_hookean", "tet4")
+    u = bent(body.mesh)
+    F = np.array([deformation_gradient(*body.elements[:2], s, u) for s in range(body.points.n_points)])
+    J = np.linalg.det(F.reshape(-1, 3, 3))
+    point, smallest = smallest_volume_ratio(body.elements, u)
+    assert (point, smallest) == (J.argmin(), pytest.approx(J.min(), rel=1e-12))
+    u[body.mesh.cells[5, 0]] = np.nan
+    point, smallest = smallest_volume_ratio(body.elements, u)
+    assert np.isnan(smallest) and body.mesh.cells[5, 0] in body.points.nodes[point]
+
+
 def test_vertex_rotations_follow_a_rigid_motion(body: Scene) -> None:
     rotations = np.empty((body.mesh.n_vertices, 3, 3))
     vertex_rotations(body.elements, rigid(body, seed=5), rotations)
