@@ -21,6 +21,11 @@ def test_a_drag_holds_the_vertices_around_the_one_nearest_to_its_point() -> None
     np.testing.assert_array_equal(held_vertices(drag(), LINE, ALL_MOVE, reach=0.1), [4, 5, 6])
 
 
+def test_the_radius_is_that_around_the_picked_vertex_not_around_the_point() -> None:
+    near = drag(point=0.54, radius=0.11)
+    np.testing.assert_array_equal(held_vertices(near, LINE, ALL_MOVE, reach=0.1), [4, 5, 6])
+
+
 def test_pinned_vertices_are_not_held() -> None:
     movable = ALL_MOVE.copy()
     movable[5] = False
@@ -35,6 +40,13 @@ def test_a_drag_of_pinned_vertices_alone_is_refused() -> None:
 def test_a_drag_beyond_reach_is_refused_with_distance_and_reach() -> None:
     with pytest.raises(MotionError, match=r"frame 4 hits no vertex: the nearest is 2 m .* allowed are 0.5 m"):
         held_vertices(drag(start=4, point=3.0), LINE, ALL_MOVE, reach=0.5)
+
+
+def test_a_drag_reaches_as_far_as_it_is_allowed_and_no_farther() -> None:
+    at = drag(point=1.25)
+    np.testing.assert_array_equal(held_vertices(at, LINE, ALL_MOVE, reach=0.26), [9, 10])
+    with pytest.raises(MotionError, match="hits no vertex"):
+        held_vertices(at, LINE, ALL_MOVE, reach=0.24)
 
 
 def test_a_drag_is_active_from_its_start_for_as_many_frames_as_it_has_targets() -> None:
