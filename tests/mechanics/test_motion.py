@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
+from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support, held_vertices
 
 LINE = np.stack([np.arange(11) / 10, np.zeros(11), np.zeros(11)], axis=1)
 ALL_MOVE = np.ones(11, dtype=bool)
@@ -53,6 +53,15 @@ def test_a_drag_is_active_from_its_start_for_as_many_frames_as_it_has_targets() 
     motion = Motion("two", 8, (drag(1, frames=3), drag(2, frames=4)))
     assert [motion.active(frame) for frame in range(8)] == [[], [0], [0, 1], [0, 1], [1], [1], [], []]
     assert [each.stop for each in motion.drags] == [4, 6]
+
+
+def test_the_first_frames_of_a_motion_have_what_begins_within_them() -> None:
+    maps = np.tile(np.eye(3, 4), (8, 1, 1))
+    motion = Motion("two", 8, (drag(1), drag(3)), np.zeros((8, 3)), (Support(np.array([0]), maps),))
+    cut = motion.first(3)
+    assert (cut.frames, [each.start for each in cut.drags]) == (3, [1])
+    assert cut.gravity is not None and (len(cut.gravity), len(cut.supports[0].maps)) == (3, 3)
+    assert (motion.first(4).drags, motion.first(99).frames) == (motion.drags, 8)
 
 
 def test_each_frame_of_a_drag_pulls_to_its_own_target() -> None:
