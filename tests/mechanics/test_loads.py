@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from ldsim.mechanics.loads import body_force, pressure_force, surface_force
 from ldsim.mechanics.quadrature import quadrature
 from ldsim.mechanics.regions import Ball, Box, Slab
 from ldsim.mesh.shapes import beam, cross
+from tests.helpers import scene
 
 CELL_TYPES = pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
 ALL = Ball((0, 0, 0), 9)
@@ -54,6 +57,16 @@ def test_pressure_all_around_has_no_resultant_and_no_moment_and_the_volume_as_it
     np.testing.assert_allclose(np.cross(mesh.vertices, force).sum(axis=0), 0, atol=1e-12 * size)
     volume = quadrature(mesh).weights.sum()
     assert -np.vdot(mesh.vertices, force) == pytest.approx(100 * 3 * volume, rel=1e-9)
+
+
+def test_pinned_vertices_feel_neither_weight_nor_load() -> None:
+    mesh = beam(0.4, 0.1, 0.1, 2)
+    load = np.random.default_rng(0).normal(size=mesh.vertices.shape)
+    body = replace(scene(mesh), load=load)
+    force = body.force(np.array([1.0, -2.0, 3.0]))
+    assert not force[body.pinned].any()
+    weight = body.mass.sum(axis=1)[:, None] * [1.0, -2.0, 3.0]
+    np.testing.assert_allclose(force[body.free], (weight + load)[body.free], rtol=1e-12)
 
 
 def test_a_load_on_no_face_is_refused() -> None:
