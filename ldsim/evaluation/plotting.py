@@ -13,7 +13,6 @@ import json
 import re
 from html import escape
 from io import StringIO
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -86,9 +85,9 @@ def plain_number(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def marked(face: str | None = None) -> dict[str, Any]:
-    """How markers sit on a curve of many points: small, a few, evenly apart on the page."""
-    return {"ms": 4, "markevery": 0.16} | ({"mfc": face} if face else {})
+def marked(x: Array) -> dict[str, float]:
+    """How markers sit on a curve over x (N,): small, and about eight."""
+    return {"ms": 4, "markevery": max(min(len(x), MAX_POINTS) // 8, 1)}
 
 
 def legend(ax: Axes) -> None:
@@ -176,7 +175,7 @@ def _anchor(note: Annotation) -> list[float | None]:
 
 
 def _described_axes(figure: Figure) -> str:
-    """JSON: of each axes its box in the drawing's units (left, top, right, bottom), and label, limits and scale of x and y.
+    """JSON: of each axes its box (left, top, right, bottom) in the drawing's units; label, limits and scale of x and y.
 
     Both axes of a figure share the box; a scale without a label has nothing to read off.
     """
