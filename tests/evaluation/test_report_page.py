@@ -207,11 +207,13 @@ def test_a_drag_zooms_the_range_of_an_axis_and_a_double_click_takes_it_back(open
     seen = f"{PLOT}.home.x.map((at) => {PLOT}.axes[0].x.value({PLOT}.unmoved(at, 'x')))"
     before = opened.evaluate(paths)
     (x1, y), (x2, _) = place_of(opened, 0, 1), place_of(opened, 0, 3)
+    x1, x2 = x1 - 3, x2 + 3
     opened.mouse("mousePressed", (x1, y))
     opened.mouse("mouseMoved", ((x1 + x2) / 2, y + 2))
     opened.mouse("mouseMoved", (x2, y + 4))
     opened.mouse("mouseReleased", (x2, y + 4))
-    assert opened.evaluate(seen) == pytest.approx([1, 3], abs=0.02)
+    low, high = opened.evaluate(seen)
+    assert 0.9 < low < 1 and 3 < high < 3.1
     assert opened.evaluate(f"[{PLOT}.zoomed('y'), {PLOT}.whole.hidden]") == [False, False]
     ticks = opened.evaluate(f"[...{PLOT}.svg.querySelectorAll('.ticks text')].map((text) => Number(text.textContent))")
     assert ticks == [1, 1.5, 2, 2.5, 3]
