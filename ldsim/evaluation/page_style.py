@@ -100,7 +100,7 @@ margin-top:1.6rem;align-items:end}
 .dot{fill:var(--paper);stroke:currentColor;stroke-width:1.6;pointer-events:none}
 .told{position:absolute;z-index:1;max-width:17rem;padding:.3rem .6rem;font-size:.82rem;line-height:1.4;
 background:var(--card);border:1px solid var(--soft);border-radius:3px;pointer-events:none}
-.whole{position:absolute;right:0;bottom:0;padding:.15rem .6rem;font:inherit;font-size:.82rem;color:var(--ink);
+.whole{position:absolute;right:0;top:100%;padding:.15rem .6rem;font:inherit;font-size:.82rem;color:var(--ink);
 background:var(--card);border:1px solid var(--soft);border-radius:3px;cursor:pointer}
 @media (prefers-color-scheme:dark){.replay{--shadow:0 0 0 .4}}
 @media screen{.replay:not([hidden])~.pictures .moving{display:none}}

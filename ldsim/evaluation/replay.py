@@ -125,25 +125,26 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
 def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
-    What the run's basis misses of a film is searched by a randomised range finder with one power iteration (Halko,
-    Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis misses of full space (the reduced films lie in it) is searched by a randomised range finder with
+    one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
     U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[vertices].reshape(3 * len(vertices), -1)
-    Q = np.linalg.qr(U)[0]
-    films = [film.displacements.astype(np.float64) for clip in clips for film in clip.films]
-    missed = [film - film @ Q @ Q.T for film in films]
-    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(U)[0].astype(np.float32)
+    films = [film for clip in clips for film in clip.films]
+    missed = [film.displacements - (film.displacements @ Q) @ Q.T for film in films if film.space == "full"]
     extra = min(EXTRA_MODES, sum(map(len, missed)), len(U) - Q.shape[1])
-    sketch = sum((left.T @ rng.normal(size=(len(left), extra)) for left in missed), np.zeros((len(U), extra)))
-    sketch = sum((left.T @ (left @ sketch) for left in missed), np.zeros((len(U), extra)))
+    sketch, rng = np.zeros((len(U), extra)), np.random.default_rng(0)
+    for left in missed:
+        sketch += left.T @ rng.normal(size=(len(left), extra)).astype(np.float32)
+    sketch = sum((left.T @ (left @ sketch.astype(np.float32)) for left in missed), np.zeros_like(sketch))
     wide = np.linalg.qr(np.hstack([Q, sketch / max(float(np.abs(sketch).max(initial=0)), 1e-300)]))[0]
-    rows = np.concatenate([film @ wide for film in films])
+    rows = np.concatenate([film.displacements @ wide.astype(np.float32) for film in films]).astype(np.float64)
     _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
     allowed = (CUT_OFF * run.scene.mesh.diagonal) ** 2 * len(rows) * len(vertices)
     tail = np.cumsum(sizes[::-1] ** 2)[::-1]
     count = max(min(int((tail > allowed).sum()), MODES_BYTES // (2 * len(U))), 1)
     modes = wide @ axes[:count].T
-    ends = np.cumsum([len(film) for film in films])[:-1]
+    ends = np.cumsum([len(film.displacements) for film in films])[:-1]
     found = iter(np.split(rows @ axes[:count].T, ends))
     return modes, [[next(found) for _ in clip.films] for clip in clips]
 
@@ -208,14 +209,14 @@ def _caption(
     run: FinishedRun, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float
 ) -> str:
     """What is shown and how exactly."""
-    every = "Every frame" if stride == 1 else f"One frame in {stride}"
+    every = "every frame" if stride == 1 else f"one frame in {stride}"
     left_out = sum(bool(run.reduced_runs(name)) for name in run.recorded) - len(names)
-    told = f" ({left_out} more are left out for size)" if left_out else ""
+    told = f" ({left_out} more left out for size)" if left_out else ""
     whole = len(np.unique(surface_triangles(run.scene.mesh)))
     surface = f"all {readable(whole)}" if vertices == whole else f"{readable(vertices)} of {readable(whole)}"
+    motions = f"{len(names)} motion{'s' * (len(names) > 1)}{told}"
     return (
-        f"{every} of {len(names)} motion{'s' * (len(names) > 1)}{told}, by {surface} vertices of the surface and "
-        f"{modes} modes: drawn to {readable(MM_PER_M * mean)} mm of the run's frames on average, "
-        f"{readable(MM_PER_M * worst)} mm at most. "
-        "The numbers in the panels are of the whole mesh, as the run has them."
+        f"{motions}, {every}; {surface} vertices of the surface, {modes} modes. "
+        f"Drawn to {readable(MM_PER_M * mean)} mm of the run’s frames on average, {readable(MM_PER_M * worst)} mm at "
+        "most; the numbers in the panels are the run’s own, of the whole mesh."
     )

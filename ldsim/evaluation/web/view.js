@@ -77,7 +77,7 @@ class View {
   }
 
   /** Sets the camera so that the box between two corners fills the picture, with the floor at its foot. */
-  frameBox(low, high, diagonal = 0.86 * Math.hypot(...high.map((x, i) => x - low[i]))) {
+  frameBox(low, high, diagonal = 0.66 * Math.hypot(...high.map((x, i) => x - low[i]))) {
     this.diagonal = diagonal;
     this.home = { ...this.home, zoom: 1, centre: low.map((x, i) => (x + high[i]) / 2) };
     this.floor = low[1];
