@@ -2,8 +2,8 @@
 
 Matplotlib draws; afterwards the ink's stand-in colour becomes `currentColor`, which a style inside the SVG sets for
 light and for dark, text stays text, and identifiers are made unlike those of other figures in one page. What the page's
-script (web/plot.js) must know to read values and to zoom stands in attributes: `data-axes` on the figure, `curve`,
-`axis` and `note` as classes of groups. The values themselves are read back from the drawn paths.
+script (web/plot.js) must know to read values and to zoom stands in attributes: `data-axes` on the figure, and on groups
+the classes `ldsim-curve`, `ldsim-axis` and `ldsim-note`. The values themselves are read back from the drawn paths.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def to_svg(figure: Figure, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, count=1, flags=re.DOTALL)
-    text = re.sub(r'<g id="ldsim-(\w+)\|(\d+)\|([^"]*)"', r'<g class="\1" data-axes="\2" data-name="\3"', text)
+    text = re.sub(r'<g id="ldsim-(\w+)\|(\d+)\|([^"]*)"', r'<g class="ldsim-\1" data-axes="\2" data-name="\3"', text)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     text = re.sub(r'(id="|#)([mp][0-9a-f]{10})(?=[")])', rf"\1\2-{digest}", text)

@@ -125,8 +125,8 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
 def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
-    What the run's basis misses of full space (the reduced films lie in it) is searched by a randomised range finder with
-    one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis misses of full space (the reduced films lie in it) is searched by a randomised range finder
+    with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
     U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
