@@ -84,7 +84,7 @@ def error_against_k(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", DASHED)):
         if curve is not None:
-            drawn = {"ls": dashes, "lw": 1.7, **marked("none" if dashes == DASHED else None)}
+            drawn = {"ls": dashes, "lw": 1.7, "mfc": None if dashes == "-" else "none", **marked(modes)}
             ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, marker="^", label=f"max, {name}", **drawn)
             ax.plot(*thinned(modes, curve.mean_mm), color=GREEN, marker="o", label=f"mean, {name}", **drawn)
     if autoencoder is not None:
@@ -193,7 +193,7 @@ def online_error_over_time(
         ax.axvspan(begin, end, color=INK, alpha=0.08, lw=0, label="grabbed" if i == 0 else None)
     for space, curve in mean_mm.items():
         marker, colour = SPACE_MARKERS[space], SPACE_COLOURS[space]
-        ax.plot(*thinned(seconds, curve), color=colour, marker=marker, lw=1.5, label=space, **marked())
+        ax.plot(*thinned(seconds, curve), color=colour, marker=marker, lw=1.5, label=space, **marked(seconds))
     ax.set_ylim(bottom=0)
     ax.margins(x=0.01)
     legend(ax)

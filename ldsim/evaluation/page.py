@@ -59,7 +59,7 @@ def render_page(
         warning_list(warnings),
         replay_figure(replay) if replay else "",
         element("div", *(picture(name, data) for name, data in pictures.items()), class_="pictures"),
-        *(rendered(section, figures) for section in sections if section.content or section.figures),
+        *(rendered(section, figures) for section in sections if section.content or section.figures_in(figures)),
     )
     return (
         "<!DOCTYPE html>\n"

@@ -100,14 +100,16 @@ margin-top:1.6rem;align-items:end}
 .dot{fill:var(--paper);stroke:currentColor;stroke-width:1.6;pointer-events:none}
 .told{position:absolute;z-index:1;max-width:17rem;padding:.3rem .6rem;font-size:.82rem;line-height:1.4;
 background:var(--card);border:1px solid var(--soft);border-radius:3px;pointer-events:none}
-.whole{position:absolute;right:0;bottom:0;padding:.15rem .6rem;font:inherit;font-size:.82rem;color:var(--ink);
+.whole{position:absolute;right:0;top:100%;padding:.15rem .6rem;font:inherit;font-size:.82rem;color:var(--ink);
 background:var(--card);border:1px solid var(--soft);border-radius:3px;cursor:pointer}
 @media (prefers-color-scheme:dark){.replay{--shadow:0 0 0 .4}}
 @media screen{.replay:not([hidden])~.pictures .moving{display:none}}
 @media (max-width:40rem){main{padding:2rem 1.1rem 3rem}section{margin-top:2.6rem}.lede{font-size:1.15rem}
 .canvas{height:min(38rem,78vh)}.panels{grid-auto-flow:row;grid-auto-rows:1fr}
-.panel+.panel{border-left:0;border-top:1px solid var(--line)}.key>div{padding:.9rem 0}.key>div+div{border-left:0;border-top:1px solid var(--line)}}
-@media print{.told,.dot,.whole{display:none!important}:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
-.replay{display:none}main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
+.panel+.panel{border-left:0;border-top:1px solid var(--line)}.key>div{padding:.9rem 0}
+.key>div+div{border-left:0;border-top:1px solid var(--line)}}
+@media print{:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
+.replay{display:none}.told,.dot,.whole{display:none!important}
+main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
 .scroll{overflow:visible}.picture img{min-width:0}table{font-size:.7rem}th,td{padding:.3rem .35rem}}
 """

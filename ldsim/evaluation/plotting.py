@@ -2,8 +2,8 @@
 
 Matplotlib draws; afterwards the ink's stand-in colour becomes `currentColor`, which a style inside the SVG sets for
 light and for dark, text stays text, and identifiers are made unlike those of other figures in one page. What the page's
-script (web/plot.js) must know to read values and to zoom stands in attributes: `data-axes` on the figure, `curve`,
-`axis` and `note` as classes of groups. The values themselves are read back from the drawn paths.
+script (web/plot.js) must know to read values and to zoom stands in attributes: `data-axes` on the figure, and on groups
+the classes `ldsim-curve`, `ldsim-axis` and `ldsim-note`. The values themselves are read back from the drawn paths.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import json
 import re
 from html import escape
 from io import StringIO
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -86,9 +85,9 @@ def plain_number(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def marked(face: str | None = None) -> dict[str, Any]:
-    """How markers sit on a curve of many points: small, a few, evenly apart on the page."""
-    return {"ms": 4, "markevery": 0.16} | ({"mfc": face} if face else {})
+def marked(x: Array) -> dict[str, float]:
+    """How markers sit on a curve over x (N,): small, and about eight."""
+    return {"ms": 4, "markevery": max(min(len(x), MAX_POINTS) // 8, 1)}
 
 
 def legend(ax: Axes) -> None:
@@ -133,7 +132,7 @@ def to_svg(figure: Figure, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<style[^>]*>.*?</style>", "", text, count=1, flags=re.DOTALL)
-    text = re.sub(r'<g id="ldsim-(\w+)\|(\d+)\|([^"]*)"', r'<g class="\1" data-axes="\2" data-name="\3"', text)
+    text = re.sub(r'<g id="ldsim-(\w+)\|(\d+)\|([^"]*)"', r'<g class="ldsim-\1" data-axes="\2" data-name="\3"', text)
     text = re.sub(r'<g id="[^"]*"', "<g", text)
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     text = re.sub(r'(id="|#)([mp][0-9a-f]{10})(?=[")])', rf"\1\2-{digest}", text)
@@ -176,7 +175,7 @@ def _anchor(note: Annotation) -> list[float | None]:
 
 
 def _described_axes(figure: Figure) -> str:
-    """JSON: of each axes its box in the drawing's units (left, top, right, bottom), and label, limits and scale of x and y.
+    """JSON: of each axes its box (left, top, right, bottom) in the drawing's units; label, limits and scale of x and y.
 
     Both axes of a figure share the box; a scale without a label has nothing to read off.
     """

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.trajectory import Trajectory
 from ldsim.evaluation.camera import look_at_broadside, upright
 from ldsim.evaluation.drawing import DISTANCE_STOPS
 from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.html import readable
+from ldsim.evaluation.replay_films import Clip, take_clip
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import coarsened, surface_triangles
 
@@ -37,42 +37,6 @@ LONGEST_PAUSE = 1 / 30
 EXTRA_MODES = 24
 CUT_OFF = 5e-5
 INT16 = 32767
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """One motion in one space.
-
-    Attributes:
-        space: "full", "linear" or "latent".
-        displacements: of the drawn vertices, (N, 3v) float32, metres; ends where the run was lost.
-        mean_error, max_error: vertex distances to full space in each of these frames, over the whole mesh, (N,)
-            metres; None in full space, and where it is not known.
-        grips: of each drag, the centroid of what it holds in the frames in which it pulls, (·, 3) metres.
-    """
-
-    space: str
-    displacements: NDArray[np.float32]
-    mean_error: Array | None
-    max_error: Array | None
-    grips: Sequence[Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Clip:
-    """One motion in all spaces.
-
-    Attributes:
-        frames: those shown, (N,), evenly spaced.
-        films: full space first, unless there is none to compare with.
-        drags: index among `frames` of the first in which each pulls, and the targets from there on, (·, 3) metres.
-    """
-
-    motion: str
-    role: str
-    frames: Indices
-    films: Sequence[Film]
-    drags: Sequence[tuple[int, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,17 +58,20 @@ def make_replay(run: FinishedRun) -> Replay | None:
     if not names:
         return None
     vertices, triangles = _surface(run.scene.mesh)
-    clips = [_clip(run, name, stride, vertices) for name in names]
+    clips = [take_clip(run, name, stride, vertices) for name in names]
     modes, coordinates = _compressed(run, clips, vertices)
     scales, modes16, coordinates16 = quantised(modes, coordinates)
     worst, mean = _drawing_error(clips, scales, modes16, coordinates16)
     turn = upright(run.scene.gravity)
     rest = run.scene.mesh.vertices @ turn.T
     view = look_at_broadside(rest, rest)
+    low, high = _box(run, clips, vertices, turn)
     data = {
         "up": turn.ravel().tolist(),
         "azimuth": view.azimuth,
         "elevation": view.elevation,
+        "low": low.tolist(),
+        "high": high.tolist(),
         "stops": DISTANCE_STOPS,
         "rest": packed(run.scene.mesh.vertices[vertices], "f4"),
         "triangles": packed(triangles, "u2"),
@@ -155,89 +122,29 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
     return vertices.astype(np.int64), numbers.reshape(triangles.shape).astype(np.int64)
 
 
-def _clip(run: FinishedRun, motion: str, stride: int, vertices: Indices) -> Clip:
-    recorded, reduced = run.recorded[motion], run.reduced_runs(motion)
-    frames = np.arange(stride - 1, run.snapshots.frames(motion), stride)
-    if len(frames) == 0:
-        frames = np.array([run.snapshots.frames(motion) - 1])
-    drags, pulled = [], []
-    for i, drag in enumerate(recorded.motion.drags):
-        during = np.flatnonzero((frames >= drag.start) & (frames < drag.stop))
-        if len(during) and i in recorded.held:
-            drags.append((int(during[0]), drag.targets[frames[during] - drag.start]))
-            pulled.append((during, recorded.held[i]))
-    films = []
-    if all(trajectory.mean_error is not None for trajectory in reduced.values()):
-        films.append(_full_film(run, motion, frames, vertices, pulled))
-    for space, trajectory in reduced.items():
-        films.append(_reduced_film(run, space, trajectory, frames, vertices, pulled))
-    return Clip(motion, recorded.role, frames, films, drags)
-
-
-def _full_film(
-    run: FinishedRun, motion: str, frames: Indices, vertices: Indices, pulled: Sequence[tuple[Indices, Indices]]
-) -> Film:
-    """The recorded frames; one is read at a time."""
-    read = run.snapshots.reader(motion)
-    displacements = np.empty((len(frames), 3 * len(vertices)), dtype=np.float32)
-    rest = run.scene.mesh.vertices
-    grips = [np.empty((len(during), 3)) for during, _ in pulled]
-    for row, frame in enumerate(frames):
-        u = read(int(frame), int(frame) + 1)[0]
-        displacements[row] = u[vertices].ravel()
-        for grip, (during, held) in zip(grips, pulled, strict=True):
-            if during[0] <= row <= during[-1]:
-                grip[row - during[0]] = (rest[held] + u[held]).mean(axis=0)
-    return Film("full", displacements, None, None, grips)
-
-
-def _reduced_film(
-    run: FinishedRun,
-    space: str,
-    trajectory: Trajectory,
-    frames: Indices,
-    vertices: Indices,
-    pulled: Sequence[tuple[Indices, Indices]],
-) -> Film:
-    """u = U q until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
-    q = trajectory.coordinates
-    assert q is not None, "reduced runs keep their coordinates"
-    whole = np.isfinite(q).all(axis=1)
-    if trajectory.max_error is not None:
-        whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
-    kept = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
-    U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[:, :, : q.shape[1]]
-    rows = U[vertices].reshape(-1, q.shape[1])
-    grips = []
-    for during, held in pulled:
-        mean = U[held].mean(axis=0)
-        grips.append(run.scene.mesh.vertices[held].mean(axis=0) + q[frames[during[during < len(kept)]]] @ mean.T)
-    errors = (None if error is None else error[kept] for error in (trajectory.mean_error, trajectory.max_error))
-    return Film(space, (q[kept] @ rows.T).astype(np.float32), *errors, grips)
-
-
 def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
-    What the run's basis misses of a film is searched by a randomised range finder with one power iteration (Halko,
-    Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis misses of full space (the reduced films lie in it) is searched by a randomised range finder
+    with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
     U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[vertices].reshape(3 * len(vertices), -1)
-    Q = np.linalg.qr(U)[0]
-    films = [film.displacements.astype(np.float64) for clip in clips for film in clip.films]
-    missed = [film - film @ Q @ Q.T for film in films]
-    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(U)[0].astype(np.float32)
+    films = [film for clip in clips for film in clip.films]
+    missed = [film.displacements - (film.displacements @ Q) @ Q.T for film in films if film.space == "full"]
     extra = min(EXTRA_MODES, sum(map(len, missed)), len(U) - Q.shape[1])
-    sketch = sum((left.T @ rng.normal(size=(len(left), extra)) for left in missed), np.zeros((len(U), extra)))
-    sketch = sum((left.T @ (left @ sketch) for left in missed), np.zeros((len(U), extra)))
+    sketch, rng = np.zeros((len(U), extra)), np.random.default_rng(0)
+    for left in missed:
+        sketch += left.T @ rng.normal(size=(len(left), extra)).astype(np.float32)
+    sketch = sum((left.T @ (left @ sketch.astype(np.float32)) for left in missed), np.zeros_like(sketch))
     wide = np.linalg.qr(np.hstack([Q, sketch / max(float(np.abs(sketch).max(initial=0)), 1e-300)]))[0]
-    rows = np.concatenate([film @ wide for film in films])
+    rows = np.concatenate([film.displacements @ wide.astype(np.float32) for film in films]).astype(np.float64)
     _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
     allowed = (CUT_OFF * run.scene.mesh.diagonal) ** 2 * len(rows) * len(vertices)
     tail = np.cumsum(sizes[::-1] ** 2)[::-1]
     count = max(min(int((tail > allowed).sum()), MODES_BYTES // (2 * len(U))), 1)
     modes = wide @ axes[:count].T
-    ends = np.cumsum([len(film) for film in films])[:-1]
+    ends = np.cumsum([len(film.displacements) for film in films])[:-1]
     found = iter(np.split(rows @ axes[:count].T, ends))
     return modes, [[next(found) for _ in clip.films] for clip in clips]
 
@@ -253,9 +160,20 @@ def _drawing_error(
     worst, total, count = 0.0, 0.0, 0
     for clip, found in zip(clips, coordinates, strict=True):
         for film, c in zip(clip.films, found, strict=True):
-            off = np.linalg.norm((c @ W.T - film.displacements).reshape(len(c), -1, 3), axis=2)
+            off = np.linalg.norm((c @ W.T - film.displacements).reshape(len(c), len(W) // 3, 3), axis=2)
             worst, total, count = max(worst, float(off.max(initial=0))), total + float(off.sum()), count + off.size
     return worst, total / max(count, 1)
+
+
+def _box(run: FinishedRun, clips: Sequence[Clip], vertices: Indices, turn: Array) -> tuple[Array, Array]:
+    """The corners (3,), metres, of the upright box that all films stay in."""
+    rest = run.scene.mesh.vertices[vertices]
+    ends = []
+    for film in (film for clip in clips for film in clip.films if len(film.displacements)):
+        at = (rest + film.displacements.reshape(-1, *rest.shape)) @ turn.T
+        ends.append((at.min(axis=(0, 1)), at.max(axis=(0, 1))))
+    lows, highs = zip(*ends, strict=True)
+    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def _described(
@@ -291,13 +209,14 @@ def _caption(
     run: FinishedRun, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float
 ) -> str:
     """What is shown and how exactly."""
-    every = "Every frame" if stride == 1 else f"One frame in {stride}"
+    every = "every frame" if stride == 1 else f"one frame in {stride}"
     left_out = sum(bool(run.reduced_runs(name)) for name in run.recorded) - len(names)
-    told = f" ({left_out} more are left out for size)" if left_out else ""
+    told = f" ({left_out} more left out for size)" if left_out else ""
     whole = len(np.unique(surface_triangles(run.scene.mesh)))
     surface = f"all {readable(whole)}" if vertices == whole else f"{readable(vertices)} of {readable(whole)}"
+    motions = f"{len(names)} motion{'s' * (len(names) > 1)}{told}"
     return (
-        f"{every} of {len(names)} motion{'s' * (len(names) > 1)}{told}, by {surface} vertices of the surface and {modes} "
-        f"modes: drawn to {readable(MM_PER_M * mean)} mm of the run's frames on average, {readable(MM_PER_M * worst)} mm "
-        "at most. The numbers in the panels are of the whole mesh, as the run has them."
+        f"{motions}, {every}; {surface} vertices of the surface, {modes} modes. "
+        f"Drawn to {readable(MM_PER_M * mean)} mm of the run’s frames on average, {readable(MM_PER_M * worst)} mm at "
+        "most; the numbers in the panels are the run’s own, of the whole mesh."
     )

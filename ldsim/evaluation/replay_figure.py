@@ -27,6 +27,7 @@ def replay_figure(replay: Replay) -> Markup:
         element("i", class_="bar"),
         " ",
         element("output", class_="limit"),
+        " and more",
         class_="key-bar",
     )
     hint = "Drag to turn; a wheel (after a click) or two fingers zoom. "

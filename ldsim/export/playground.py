@@ -1,7 +1,8 @@
 """The static playground: one HTML page with the model inside that simulates in the browser, with no server.
 
-The page is put together from the files in export/web, the step in JavaScript, a port of ldsim/dynamics, and the controls,
-and from those in evaluation/web that draw. The model is a safetensors file in base64. Nothing is loaded from anywhere, so it works from a disk.
+The page is put together from the files in export/web (the step in JavaScript, a port of ldsim/dynamics, and the
+controls) and those in evaluation/web that draw. The model is a safetensors file in base64. Nothing is loaded from
+anywhere, so it works from a disk.
 """
 
 from __future__ import annotations

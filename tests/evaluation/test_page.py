@@ -75,9 +75,9 @@ def test_nothing_is_loaded_from_elsewhere():
     outline = Outline(page_of(example_report()))
     loaded = [value for _, name, value in outline.attributes if name in LOADING_ATTRIBUTES]
     assert loaded and all(value.startswith(("#", "data:image/")) for value in loaded)
-    assert not any(tag in ("script", "link", "iframe") for tag, _, _ in outline.attributes)
+    assert not any(tag in ("link", "iframe") for tag, _, _ in outline.attributes)
     page = page_of(example_report())
-    assert "<script" not in page and "@import" not in page
+    assert "@import" not in page and "fetch(" not in page and "XMLHttpRequest" not in page
     assert page.count("url(") == page.count("url(#")
 
 
@@ -105,7 +105,7 @@ def test_hostile_names_are_shown_and_not_run():
     hostile = "<script>alert('x')</script>\"&"
     report["experiment"] = report["machine"]["cpu"] = report["simulate"]["latent"][0]["motion"] = hostile
     page = page_of(report, (hostile,))
-    assert "<script" not in page
+    assert page.count("<script") == page_of(example_report()).count("<script")
     assert "".join(Outline(page).texts).count(hostile) >= 4
 
 

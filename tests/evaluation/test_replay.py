@@ -68,7 +68,7 @@ def test_what_is_drawn_is_as_far_from_the_run_as_the_caption_says(run, replay):
         true = truth(run, motion["name"], film["space"])[: film["frames"]]
         off.append(np.linalg.norm(displacements(data, film) - true, axis=2).ravel())
     assert len(off) == 6
-    mean, worst = re.search(r"drawn to ([\d.e-]+) mm .* average, ([\d.e-]+) mm", replay.caption).groups()
+    mean, worst = re.search(r"Drawn to ([\d.e-]+) mm .* average, ([\d.e-]+) mm", replay.caption).groups()
     assert 1000 * np.concatenate(off).mean() == pytest.approx(float(mean), rel=1e-2)
     assert 1000 * np.concatenate(off).max() == pytest.approx(float(worst), rel=1e-2)
     assert np.concatenate(off).max() < 1e-3 * run.scene.mesh.diagonal
@@ -115,20 +115,20 @@ def test_frames_are_left_out_and_told_of_before_motions_are(run, monkeypatch):
     found = make_replay(run)
     motions = json.loads(found.data)["motions"]
     assert [motion["frames"] for motion in motions] == [FRAMES["push"] // 2, FRAMES["pull_1"] // 2]
-    assert found.caption.startswith("One frame in 2 of 2 motions")
+    assert found.caption.startswith("2 motions, one frame in 2;")
     data, motion, film = next(films(found))
     true = truth(run, motion["name"], film["space"])[1::2]
     np.testing.assert_allclose(displacements(data, film), true, atol=2e-4 * run.scene.mesh.diagonal)
     monkeypatch.setattr(replay_module, "COORDINATES_BYTES", 2 * row)
     found = make_replay(run)
     assert [motion["name"] for motion in json.loads(found.data)["motions"]] == ["push"]
-    assert "(1 more are left out for size)" in found.caption
+    assert "1 motion (1 more left out for size), " in found.caption
 
 
 def test_modes_that_do_not_fit_are_left_out_and_the_error_is_told(run, replay, monkeypatch):
     monkeypatch.setattr(replay_module, "MODES_BYTES", 2 * 2 * 3 * len(surface_vertices(run.scene.mesh)))
     found = make_replay(run)
-    assert "and 2 modes" in found.caption and found.caption != replay.caption
+    assert ", 2 modes." in found.caption and found.caption != replay.caption
 
 
 def test_a_large_surface_is_drawn_by_fewer_vertices(run, monkeypatch):
@@ -137,7 +137,7 @@ def test_a_large_surface_is_drawn_by_fewer_vertices(run, monkeypatch):
     data = json.loads(found.data)
     drawn = len(unpacked(data["rest"])) // 3
     assert drawn <= 30
-    assert f"by {drawn} of {len(surface_vertices(run.scene.mesh))} vertices" in found.caption
+    assert f"; {drawn} of {len(surface_vertices(run.scene.mesh))} vertices of the surface" in found.caption
     assert unpacked(data["triangles"]).max() == drawn - 1
 
 

@@ -71,7 +71,7 @@ class Plot {
   // What Python drew
 
   readCurves() {
-    this.curves = [...this.svg.querySelectorAll(".curve")].map((group) => {
+    this.curves = [...this.svg.querySelectorAll(".ldsim-curve")].map((group) => {
       const path = group.querySelector("path[clip-path]");
       const points = Array.from((path?.getAttribute("d") ?? "").matchAll(PAIR), ([, x, y]) => [Number(x), Number(y)]);
       return { name: group.dataset.name, axes: this.axes[group.dataset.axes], points };
@@ -82,18 +82,18 @@ class Plot {
   readInside() {
     this.inside = [];
     for (const element of this.svg.querySelectorAll("[clip-path]")) {
-      if (element.closest(".axis")) continue;
+      if (element.closest(".ldsim-axis")) continue;
       if (element.tagName === "path") this.inside.push({ element, d: element.getAttribute("d") });
       for (const use of element.querySelectorAll("use")) {
         this.inside.push({ element: use, x: Number(use.getAttribute("x")), y: Number(use.getAttribute("y")) });
       }
     }
-    this.notes = [...this.svg.querySelectorAll(".note")].map((element) => {
+    this.notes = [...this.svg.querySelectorAll(".ldsim-note")].map((element) => {
       const [x, y] = JSON.parse(element.dataset.name), scales = this.axes[element.dataset.axes];
       return { element, x: x === null ? null : scales.x.place(x), y: y === null ? null : scales.y.place(y) };
     });
-    this.rulers = [...this.svg.querySelectorAll(".axis")].map((group) => {
-      const ticks = [...group.children].filter((child) => !child.classList.contains("label"));
+    this.rulers = [...this.svg.querySelectorAll(".ldsim-axis")].map((group) => {
+      const ticks = [...group.children].filter((child) => !child.classList.contains("ldsim-label"));
       return { ticks, name: group.dataset.name, axes: Number(group.dataset.axes), group };
     });
   }

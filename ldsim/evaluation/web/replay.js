@@ -2,6 +2,7 @@
 // is hidden in the page until everything works; without WebGL or script the page keeps its still pictures.
 
 const TYPES = { f4: Float32Array, u2: Uint16Array, i2: Int16Array };
+const DIMMED = 0.88; // leaves room for light on the palest colour
 const SVG = "http://www.w3.org/2000/svg";
 
 function unpacked([type, text]) {
@@ -28,6 +29,7 @@ class Replay {
     this.surface = new Surface(unpacked(data.rest), unpacked(data.triangles));
     this.canvas = this.part("canvas");
     this.view = new View(this.canvas, this.surface, data.up, data.azimuth, data.elevation);
+    this.view.frameBox(data.low, data.high);
     this.fingers = new Map(); // pointers on the canvas → last place
     this.reference = new Float32Array(this.surface.positions.length);
     for (const [i, motion] of data.motions.entries()) {
@@ -159,7 +161,7 @@ class Replay {
   readColours() {
     const style = getComputedStyle(this.figure);
     const read = (name) => style.getPropertyValue(name).trim().split(/\s+/).map(Number);
-    this.colours = { stops: this.stops, shadow: read("--shadow") };
+    this.colours = { stops: this.stops.map((stop) => stop.map((x) => DIMMED * x)), shadow: read("--shadow") };
   }
 
   // Controls

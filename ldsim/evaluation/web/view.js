@@ -46,7 +46,7 @@ class View {
     this.gl = gl;
     this.surface = surface;
     this.up = up;
-    this.frameSolid(azimuth, elevation);
+    this.frameSurface(azimuth, elevation);
     this.program = this.link();
     const at = (name) => gl.getUniformLocation(this.program, name);
     this.uniforms = Object.fromEntries(
@@ -60,7 +60,7 @@ class View {
   }
 
   /** Sets the camera so that the surface at rest, with room to swing, fills the picture. */
-  frameSolid(azimuth, elevation) {
+  frameSurface(azimuth, elevation) {
     const low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
     const { rest } = this.surface;
     for (let v = 0; v < rest.length; v += 3) {
@@ -70,9 +70,17 @@ class View {
         high[i] = Math.max(high[i], x[i]);
       }
     }
-    this.diagonal = Math.hypot(...high.map((x, i) => x - low[i]));
-    this.home = { azimuth, elevation, zoom: 1, centre: low.map((x, i) => (x + high[i]) / 2 - (i === 1 ? 0.07 * this.diagonal : 0)) };
-    this.floor = low[1] - 0.22 * this.diagonal;
+    const diagonal = Math.hypot(...high.map((x, i) => x - low[i]));
+    this.frameBox([low[0], low[1] - 0.22 * diagonal, low[2]], [high[0], high[1] + 0.08 * diagonal, high[2]], diagonal);
+    this.home = { ...this.home, azimuth, elevation };
+    this.reset();
+  }
+
+  /** Sets the camera so that the box between two corners fills the picture, with the floor at its foot. */
+  frameBox(low, high, diagonal = 0.66 * Math.hypot(...high.map((x, i) => x - low[i]))) {
+    this.diagonal = diagonal;
+    this.home = { ...this.home, zoom: 1, centre: low.map((x, i) => (x + high[i]) / 2) };
+    this.floor = low[1];
     this.reset();
   }
 
