@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ldsim import __version__
-from ldsim.artefacts.store import writing
+from ldsim.artefacts.atomic import writing
 from ldsim.cli.made_up import COARSE_CELLS, is_surface, made_up, write_configuration
 from ldsim.cli.mesh import described_scene
 from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option

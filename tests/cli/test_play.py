@@ -132,6 +132,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     arguments = ["record", str(source), "--scale", "0.1", "--config", str(made), "--output", str(motion)]
     result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
     assert result.exit_code == 0 and len(served) == 1, result.output
+    motion.touch()  # nothing was recorded here
     settings = load_settings(made)
     assert settings.experiment == source.stem.replace(" ", "-")
     assert settings.snapshot.roles == ("train", "heldout")
