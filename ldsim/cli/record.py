@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ldsim import __version__
+from ldsim.artefacts.atomic import writing
 from ldsim.cli.made_up import COARSE_CELLS, is_surface, made_up, write_configuration
 from ldsim.cli.mesh import described_scene
 from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
@@ -60,8 +61,11 @@ def command(
     described = source.suffix.lower() in CONFIGURATIONS
     if described and config is not None:
         raise SettingsError(f"--config is for a mesh or surface file; {source} is a configuration already")
-    if config is not None and config.exists():
-        raise SettingsError(f"{config} exists already; give --config another name, or record on {config} itself")
+    if config is not None:
+        if config.exists():
+            raise SettingsError(f"{config} exists already; give --config another name, or record on {config} itself")
+        with writing(config):
+            config.parent.mkdir(parents=True, exist_ok=True)
     place = source if described else config or source.with_suffix(".yaml")
     settings = load_settings(source) if described else made_up(source, place, scale, youngs_modulus, pin, output)
     if not described and is_surface(source):

@@ -30,7 +30,7 @@ def render_comparison(runs: Sequence[Reported], comparison: Mapping[str, Any], f
         figures: of `compare_figures.figures`.
     """
     records = comparison["runs"]
-    sections = (_table_one(runs, records), _speed(records), _spaces(records), _made(runs, records))
+    sections = (_table_one(runs, records), _speed(records), _spaces(records), _trust(records), _made(runs, records))
     names = ", ".join(run.name for run in runs)
     opening = element(
         "header",
@@ -102,33 +102,40 @@ def _error(run: Mapping[str, Any] | None, key: str) -> Markup:
 
 
 def _spaces(records: Sequence[Mapping[str, Any]]) -> Section:
-    """What the spaces hold, what their cubature leaves out, and whether the trust score told."""
+    """What the spaces hold, and what their cubature leaves out."""
     header = (
         *("object", *(f"autoencoder, {ROLE_NAMES[role]}, max mm" for role in ROLES)),
         *(f"PCA kp, {ROLE_NAMES[role]}, max mm" for role in ROLES),
         *(f"{space} cubature error, {ROLE_NAMES[role]}" for space in reversed(REDUCED) for role in ROLES),
-        *(f"distrusted, {ROLE_NAMES[role]}" for role in ROLES),
-        *(f"rank correlation, {ROLE_NAMES[role]}" for role in ROLES),
+    )
+    rows = [
+        (
+            _linked(record),
+            *(number(record["reconstruction_max_mm"][role][of]) for of in ("autoencoder", "pca_kp") for role in ROLES),
+            *(percent(record["cubature_error"][space][role]) for space in reversed(REDUCED) for role in ROLES),
+        )
+        for record in records
+    ]
+    note = "Largest vertex distance of a pose to its reconstruction; relative error of the reduced forces."
+    return Section("Spaces and cubature", (table(header, rows, "Reconstruction and cubature errors"), remark(note)))
+
+
+def _trust(records: Sequence[Mapping[str, Any]]) -> Section:
+    """Whether the trust score told where the latent runs went wrong."""
+    header = (
+        "object",
+        *(f"{what}, {ROLE_NAMES[role]}" for role in ROLES for what in ("distrusted", "rank correlation")),
     )
     rows = []
     for record in records:
-        latent = {role: record["online"][role]["latent"] or {} for role in ROLES}
-        held = record["reconstruction_max_mm"]
-        rows.append(
-            (
-                _linked(record),
-                *(number(held[role][method]) for method in ("autoencoder", "pca_kp") for role in ROLES),
-                *(percent(record["cubature_error"][space][role]) for space in reversed(REDUCED) for role in ROLES),
-                *(percent(latent[role].get("distrusted")) for role in ROLES),
-                *(number(latent[role].get("rank_correlation")) for role in ROLES),
-            )
-        )
+        latent = [record["online"][role]["latent"] or {} for role in ROLES]
+        cells = ((percent(run.get("distrusted")), number(run.get("rank_correlation"))) for run in latent)
+        rows.append((_linked(record), *(cell for pair in cells for cell in pair)))
     note = (
-        "Largest vertex distance of a pose to its reconstruction; relative error of the reduced forces; of the worst "
-        "latent run, the share of frames that its trust score warns of, and the score’s rank correlation with the true "
-        "error."
+        "Of the worst latent run of each role: the share of frames that the trust score warns of, and the score’s rank "
+        "correlation with the true error."
     )
-    return Section("Spaces, cubature, trust", (table(header, rows, "Spaces, cubature and trust"), remark(note)))
+    return Section("Trust", (table(header, rows, "Trust in the latent runs"), remark(note)))
 
 
 def _made(runs: Sequence[Reported], records: Sequence[Mapping[str, Any]]) -> Section:

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from ldsim.cli.main import main
 from ldsim.settings import load_settings, resolve_path
 from tests.cli.experiments import TINY, refused
+from tests.evaluation.small_run import write_run
 from tests.simulator.playable import write_playable
 
 ONE = (
@@ -85,11 +86,11 @@ def test_a_run_without_a_model_is_refused(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [["play"], ["export", "--playground"], ["export", "--format", "npz"]], ids=" ".join)
-def test_a_run_that_was_not_trained_is_refused_with_what_to_run(run: Path, tmp_path: Path, command: list[str]) -> None:
-    for name in ("scene.h5", "basis.h5"):
-        (tmp_path / name).write_bytes((run / name).read_bytes())
+def test_a_run_that_was_not_trained_is_refused_with_what_to_run(tmp_path: Path, command: list[str]) -> None:
+    write_run(tmp_path)
+    (tmp_path / "model.h5").unlink()
     assert "model.h5 does not exist; run `ldsim train` first" in refusal(*command, str(tmp_path))
-    assert not (tmp_path / "export").exists()
+    assert not any((tmp_path / "export").rglob("*"))
 
 
 @pytest.mark.parametrize("name", ["nothing", "nothing/at/all"])
@@ -131,6 +132,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     arguments = ["record", str(source), "--scale", "0.1", "--config", str(made), "--output", str(motion)]
     result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
     assert result.exit_code == 0 and len(served) == 1, result.output
+    motion.touch()  # nothing was recorded here
     settings = load_settings(made)
     assert settings.experiment == source.stem.replace(" ", "-")
     assert settings.snapshot.roles == ("train", "heldout")

@@ -110,7 +110,7 @@ def test_the_page_is_whole_and_loads_nothing():
     outline = Outline(page_of(run_of("x"), run_of("torus")))
     loaded = [value for tag, name, value in outline.attributes if name in LOADING_ATTRIBUTES and tag != "a"]
     assert all(value.startswith("#") for value in loaded)
-    assert not any(tag in ("script", "link", "iframe", "img") for tag, _, _ in outline.attributes)
+    assert not any(tag in ("link", "iframe", "img") for tag, _, _ in outline.attributes)
     ids = [value for _, name, value in outline.attributes if name == "id"]
     assert ids and len(ids) == len(set(ids))
 
@@ -137,14 +137,15 @@ def test_the_paper_s_row_follows_the_run_of_the_same_object():
 def test_hostile_names_are_shown_and_not_run():
     hostile = "<script>alert('x')</script>\"&"
     page = page_of(run_of(hostile, warnings=[hostile]))
-    assert "<script" not in page and hostile in "".join(Outline(page).texts)
+    assert page.count("<script") == page_of(run_of("x")).count("<script") and hostile in "".join(Outline(page).texts)
 
 
-def test_each_figure_has_a_mark_for_every_value_and_every_space_of_its_legend():
+def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
     drawn = figures(compared(run_of("x"), run_of("beam"))["runs"])
     coloured = "|".join(SPACE_COLOURS.values())
     marks = {name: len(re.findall(f"<use [^>]*(?:{coloured})", svg)) for name, svg in drawn.items()}
-    assert marks == {"error_against_time": 2 * 3 + 2, "online_errors": 2 * 3 + 2, "step_times": 2 * 3 + 3}
+    assert marks == {"error_against_time": 2 * 3 + 3, "online_errors": 2 * 3 + 3, "step_times": 2 * 3 + 3}
+    assert all(svg.count('class="curve"') == 3 for svg in drawn.values())
 
 
 def test_runs_that_simulated_nothing_have_a_page_without_figures():
