@@ -1,9 +1,9 @@
 """How few points, how well, how fast: python benchmarks/cubature.py --model x --part quality
 
 Models are those of cubature_models.py, each at the paper's r; parts those of cubature_parts.py. `--model` and `--part`
-may be given several times; without them all are measured. Poses and autoencoders come from the finished runs in `--runs`
-(make EXPERIMENT=x …), the rest is made and kept in `--made`, and so is every part that is done: to measure one anew,
-delete its file in `--made`/parts; interrupted, it goes on. `--quick` measures the embedded demo, in about a minute.
+may be given several times; without them all are measured, the methods on x alone. Poses come from the finished runs in
+`--runs` (make EXPERIMENT=x …), the rest is made and kept in `--made`, and so is every part that is done: to measure one
+anew, delete its file in `--made`/parts; interrupted, it goes on. `--quick` measures the embedded demo, in minutes.
 All parts that are there, of whichever call, go to benchmarks/results/cubature.json and docs/pictures.
 """
 
