@@ -75,7 +75,7 @@ def picture(rows: list[Row], name: str) -> str:
     figure, ax = new_axes("cubature points", f"relative error on held-out poses, {name}")
     colours = dict(zip(METHODS, (LATENT, LINEAR, GREEN, "#b06fa8", "#7a828c"), strict=True))
     for method, colour in colours.items():
-        start = f"held-out error, {method}, "
+        start = f"error, held-out poses, force, {method}, "
         line = [
             (int(r["quantity"].removeprefix(start).split()[0]), r["value"])
             for r in rows
@@ -102,7 +102,7 @@ def collect(made: Path) -> None:
         "rows": rows,
     }
     RESULTS.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    for name in {r["model"] for r in rows if r["quantity"].startswith("held-out error, ")}:
+    for name in {r["model"] for r in rows if r["quantity"].startswith("error, held-out poses, ")}:
         (PICTURES / f"cubature_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 
 
