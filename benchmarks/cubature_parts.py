@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -17,21 +19,23 @@ from numpy.typing import NDArray
 from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.evaluation.comparison import run_reduced, with_errors
 from ldsim.reduction.cubature.fit import METHODS
-from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.forces import ProjectedForces, pose_scales
 from ldsim.reduction.cubature.goal import Goal
-from ldsim.reduction.cubature.ladder import CubatureSet, relative_errors
+from ldsim.reduction.cubature.ladder import CubatureSet, residuals
 from ldsim.reduction.cubature.metric import rest_compliance
+from ldsim.reduction.cubature.rows import FLOOR
 from ldsim.reduction.cubature.selection import Recipe, perturb, select, split_poses
 
 Row = dict[str, Any]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Most points: the error that the goal asks for on held-out poses, and the one to fit to.
+# Most points: the error that the goal asks for on held-out poses, and the one on fitted poses to stop at.
 GOALS = {100: (0.05, 0.015), 300: (0.01, 0.003)}
+NO_STOP = 1e-3
 NORMS = ("force", "compliance")
-# Sizes of the table of methods, and of the sets that are stepped.
-SIZES = (5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300)
+# Sizes in the table of methods, and of the sets that are stepped.
+SIZES = (5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150)
 STEPPED = (30, 50, 100, 300)
 # Of the true poses in the target, as the configurations of x, beam and demo have it.
 CLOSURE = 0.3
@@ -50,7 +54,7 @@ class Effort:
     poses: int = 400
     kept_back: int = 200
     most: tuple[int, ...] = (100, 300)
-    method_points: int = 300
+    method_points: int = 150
     frames: int | None = None
 
 
@@ -63,6 +67,8 @@ FITS: dict[str, dict[str, Any]] = {
     "linear-space": {"compliance": False, "latent": False},
     "closure": {"closure": CLOSURE},
 }
+STEPPED_FITS = tuple(FITS)
+FITS |= {f"method {method}": {"method": method, "compliance": False} for method in METHODS}
 
 
 def row(model: str, quantity: str, value: float | None, unit: str = "", goal: str | None = None) -> Row:
@@ -83,16 +89,18 @@ def largest(ladder: tuple[CubatureSet, ...], most: int) -> CubatureSet:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The ladder of a fit of at most `most` points, kept in `folder` once it is there."""
+    """What takes long, kept in `folder` once it is there: ladders of fits, motions stepped with every element."""
 
     model: Model
     effort: Effort
     folder: Path
 
     def ladder(self, fit: str, most: int) -> tuple[CubatureSet, ...]:
+        """The sets of a fit of at most `most` points."""
         path = self.folder / f"{self.model.name}-{fit.replace(' ', '_')}-{most}.npz"
         if not path.exists():
-            recipe = Recipe(Goal(GOALS[most][1], most), **FITS[fit])
+            stop = GOALS[most][1] if most in GOALS else NO_STOP
+            recipe = Recipe(Goal(stop, most), **FITS[fit])
             print(f"  {self.model.name}: fitting {fit}, at most {most} points", flush=True)
             found = select(self.model.space, *poses(self.model, self.effort), recipe).fit.ladder
             arrays = {f"{name}_{i}": getattr(entry, name) for i, entry in enumerate(found) for name in vars(entry)}
@@ -103,9 +111,17 @@ class Fitted:
                 for i in range(len(stored.files) // 3)
             )
 
+    def every_element(self, motion: str) -> float:
+        """The online error of all quadrature points."""
+        path = self.folder / f"{self.model.name}-every_element-{motion}.json"
+        if not path.exists():
+            print(f"  {self.model.name}: stepping {motion} with every element", flush=True)
+            path.write_text(json.dumps(every_element_error(self.model, motion, self.effort.frames)))
+        return float(json.loads(path.read_text()))
 
-def judges(model: Model, effort: Effort) -> Iterator[tuple[str, str, ProjectedForces]]:
-    """Forces of the decoded poses, none of which was fitted, in either norm: which poses, which norm, the forces."""
+
+def judged(model: Model, effort: Effort, sets: list[CubatureSet]) -> Iterator[tuple[str, str, Array]]:
+    """Errors of sets at decoded poses, none of which was fitted: which poses, which norm, the errors (l,)."""
     space, (_, kept_back) = model.space, poses(model, effort)
     places = np.linspace(0, len(model.unseen) - 1, min(effort.kept_back, len(model.unseen))).astype(int)
     W = rest_compliance(space.stiffness, space.decoder, space.z)
@@ -114,8 +130,14 @@ def judges(model: Model, effort: Effort) -> Iterator[tuple[str, str, ProjectedFo
         "perturbed poses": perturb(space.z, kept_back, Recipe.perturbation, (1,)),
         "held-out motion": model.unseen[places],
     }.items():
-        for norm, metric in zip(NORMS, (None, W), strict=True):
-            yield name, norm, ProjectedForces(space.scene, space.U, space.decoder, z, metric=metric, threads=0)
+        forces = ProjectedForces(space.scene, space.U, space.decoder, z, threads=0)
+        newtons = forces.scales[:, None]
+        true = forces.target.reshape(len(newtons), -1) * newtons
+        wrong = [residual.reshape(true.shape) * newtons for residual in residuals(forces, sets).T]
+        for norm, metric in zip(NORMS, (np.eye(len(W)), W), strict=True):
+            scales = pose_scales(np.linalg.norm(true @ metric, axis=1), FLOOR, 0.0)[:, None]
+            whole = float(np.linalg.norm(true @ metric / scales))
+            yield name, norm, np.array([np.linalg.norm(part @ metric / scales) for part in wrong]) / whole
 
 
 def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
@@ -132,8 +154,7 @@ def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
         row(model.name, f"points, {fit}, at most {most}", len(entry.points), "", f"<= {most}")
         for (fit, most), entry in sets.items()
     ]
-    for place, norm, forces in judges(model, effort):
-        errors = relative_errors(forces, list(sets.values()))
+    for place, norm, errors in judged(model, effort, list(sets.values())):
         for (fit, most), error in zip(sets, errors, strict=True):
             asked = place == "held-out poses" and (fit == "latent-aware") == (norm == "force")
             goal = f"<= {GOALS[most][0]}" if asked else None
@@ -144,17 +165,13 @@ def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
 
 def methods(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     """Points against error of all methods on the same poses, fitted in the plain norm of the publications."""
-    chosen, kept_back = poses(model, effort)
-    space, rows = model.space, []
-    forces = ProjectedForces(space.scene, space.U, space.decoder, space.z[kept_back], threads=0)
-    for method in METHODS:
-        print(f"  {model.name}: {method}", flush=True)
-        recipe = Recipe(Goal(1e-3, effort.method_points), method, compliance=False)
-        ladder = select(space, chosen, kept_back, recipe).fit.ladder
-        sizes = [size for size in SIZES if size <= effort.method_points]
-        errors = relative_errors(forces, [largest(ladder, size) for size in sizes])
-        for size, error in zip(sizes, errors, strict=True):
-            rows.append(row(model.name, f"held-out error, {method}, {size} points", float(error)))
+    sizes, rows = [size for size in SIZES if size <= effort.method_points], []
+    sets = {method: fitted.ladder(f"method {method}", effort.method_points) for method in METHODS}
+    every = [largest(sets[method], size) for method in METHODS for size in sizes]
+    place, norm, errors = next(judged(model, effort, every))
+    for (method, size), entry, error in zip(itertools.product(METHODS, sizes), every, errors, strict=True):
+        if len(entry.points) > size // 2:
+            rows.append(row(model.name, f"error, {place}, {norm}, {method}, {size} points", float(error)))
     return rows
 
 
@@ -163,21 +180,19 @@ def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     sizes = [size for size in STEPPED if size <= max(effort.most)]
     rows = []
     for motion in model.snapshots.names:
-        role = model.snapshots.recorded(motion).role
-        started = time.perf_counter()
-        whole = every_element_error(model, motion, effort.frames)
-        print(f"  {model.name}: every element on {motion}, {time.perf_counter() - started:.0f} s", flush=True)
-        rows.append(row(model.name, f"online error, every element, {motion} ({role})", whole))
-        for fit in FITS:
-            for size in sizes:
-                most = min(most for most in effort.most if most >= size)
-                if fit == "linear-space" and most > 100:
-                    continue
-                value = set_error(model, largest(fitted.ladder(fit, most), size), motion, effort.frames)
-                name = f"{fit}, {size} points, {motion} ({role})"
-                goal = "<= 0.01" if fit == "latent-aware" and size in effort.most else None
-                rows.append(row(model.name, f"online error, {name}", value))
-                rows.append(row(model.name, f"added to the online error, {name}", value - whole, "", goal))
+        label = f"{motion} ({model.snapshots.recorded(motion).role})"
+        whole = fitted.every_element(motion)
+        rows.append(row(model.name, f"online error, every element, {label}", whole))
+        for fit, size in itertools.product(STEPPED_FITS, sizes):
+            most = min(most for most in effort.most if most >= size)
+            if fit == "linear-space" and most > min(effort.most):
+                continue
+            value = set_error(model, largest(fitted.ladder(fit, most), size), motion, effort.frames)
+            print(f"  {model.name}: {fit}, {size} points, {label}: {value:.4f}, all {whole:.4f}", flush=True)
+            goal = "<= 0.01" if fit == "latent-aware" and size in effort.most else None
+            rows.append(row(model.name, f"online error, {fit}, {size} points, {label}", value))
+            name = f"added to the online error, {fit}, {size} points, {label}"
+            rows.append(row(model.name, name, value - whole, "", goal))
     return rows
 
 
@@ -186,7 +201,12 @@ def every_element_error(model: Model, motion: str, frames: int | None) -> float:
     space, recorded = model.space, model.snapshots.recorded(motion)
     count = min(frames or recorded.motion.frames, recorded.motion.frames)
     stepper = EveryElement(space.scene, space.U, space.decoder)
-    q = run(stepper, recorded.motion, dict(recorded.held), count)
+
+    def progress(frame: int) -> None:
+        if frame % 100 == 0:
+            print(f"  {model.name}: every element on {motion}, frame {frame} of {count}", flush=True)
+
+    q = run(stepper, recorded.motion, dict(recorded.held), count, progress=progress)
     read, distance, moved = model.snapshots.reader(motion), 0.0, 0.0
     for first in range(0, count, 64):
         u = read(first, min(first + 64, count)).astype(np.float64)
@@ -217,7 +237,8 @@ def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     large = model.name == "dragon"
     for most in effort.most:
         started = time.perf_counter()
-        select(model.space, chosen, kept_back, Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"]))
+        recipe = Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"])
+        select(model.space, chosen, kept_back, recipe)
         seconds = time.perf_counter() - started
         limit = f"<= {300 if large else 60}" if most == 100 else None
         rows.append(row(model.name, f"cubature, at most {most} points", seconds, "s", limit))

@@ -119,8 +119,9 @@ def run(
     held: dict[int, NDArray[np.int64]],
     frames: int,
     restart: Callable[[int], State | None] = lambda frame: None,
+    progress: Callable[[int], None] = lambda frame: None,
 ) -> Array:
-    """q of each frame, (frames, k); NaN from where the run is lost."""
+    """q of each frame, (frames, k); NaN from where the run is lost. `progress` is told the frames that are done."""
     tracker = GrabTracker(motion, space.scene.mesh.vertices, space.scene.movable, held)
     rest = np.zeros(space.decoder.r), np.zeros(space.decoder.k)
     state = State(rest[0], rest[0], rest[1], rest[1])
@@ -132,4 +133,5 @@ def run(
         if not np.linalg.norm(state.q) < 1e6:
             break
         q[frame] = state.q
+        progress(frame + 1)
     return q

@@ -103,6 +103,16 @@ def relative_errors(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
     Raises:
         SolverError: a set has points that the scene does not have.
     """
+    errors: Array = np.linalg.norm(residuals(forces, sets), axis=0) / np.linalg.norm(forces.target)
+    return errors
+
+
+def residuals(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
+    """target − Σ w b of each set, (rows, l) float64.
+
+    Raises:
+        SolverError: a set has points that the scene does not have.
+    """
     points = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *(entry.points for entry in sets)]))
     if len(points) and not (points[0] >= 0 and points[-1] < forces.n_points):
         raise SolverError(
@@ -112,12 +122,11 @@ def relative_errors(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
     multipliers = np.zeros((len(points), len(sets)))
     for i, entry in enumerate(sets):
         multipliers[np.searchsorted(points, entry.points), i] = entry.weights / forces.point_weights[entry.points]
-    residuals = np.repeat(forces.target[:, None], len(sets), axis=1)
+    left = np.repeat(forces.target[:, None], len(sets), axis=1)
     for first in range(0, len(points), POINTS_AT_ONCE):
         chunk = slice(first, first + POINTS_AT_ONCE)
-        residuals -= forces.columns(points[chunk]) @ multipliers[chunk]
-    errors: Array = np.linalg.norm(residuals, axis=0) / np.linalg.norm(forces.target)
-    return errors
+        left -= forces.columns(points[chunk]) @ multipliers[chunk]
+    return left
 
 
 def relative_error(forces: Rows, cubature: CubatureSet) -> float:
