@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 from numba import njit
@@ -23,10 +23,10 @@ Chunks = Callable[[], Iterable[NDArray[np.float32]]]
 
 # Columns that are multiplied at a time, and the share of the largest singular value down to which it serves to sum
 # their products in single precision.
-BLOCK = 4096
+BLOCK = 16384
 SINGLE = 1e-3
 # Chunks whose products with all others are formed in one pass over those.
-HELD = 2
+HELD = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,22 @@ def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] =
         products: np.float32 halves the time; products of a few columns are then summed in float64. What is smaller
             than about 1e-4 of the largest singular value is lost in their rounding.
     """
-    rows: list[Array] = []
-    stream, before = iter(chunks()), 0
+    rows: list[list[Array]] = []
+    stream = iter(chunks())
     while held := list(islice(stream, HELD)):
-        left = np.concatenate([_for_products(metric, chunk, products) for chunk in held])
-        rows.append(np.hstack([_products(left, right) for right in chain(islice(chunks(), before), held)]))
-        before += len(held)
+        lefts = [_for_products(metric, chunk, products) for chunk in held]
+        here: list[list[Array]] = [[] for _ in lefts]
+        for right in islice(chunks(), len(rows)):
+            for row, left in zip(here, lefts, strict=True):
+                row.append(_products(left, right))
+        for i, (row, left) in enumerate(zip(here, lefts, strict=True)):
+            row.extend(_products(left, right) for right in held[: i + 1])
+        rows += here
+    return _symmetric([np.hstack(row) for row in rows])
+
+
+def _symmetric(rows: list[Array]) -> Array:
+    """The symmetric matrix whose lower triangle is in these blocks of rows."""
     total = sum(len(row) for row in rows)
     gram = np.zeros((total, total))
     start = 0
@@ -177,16 +187,22 @@ def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | N
         for block in _blocks(chunk.shape[1]):
             rows[:, block] += weights @ chunk[:, block].astype(np.float64)
         start += len(chunk)
-    modes = np.ascontiguousarray(rows.T)
-    return orthonormalised(orthonormalised(modes, metric), metric), singular
+    # Once more, for what rounding left.
+    return orthonormalised(_orthonormal_rows(rows, metric).T, metric), singular
 
 
 def orthonormalised(U: Array, metric: csr_array) -> Array:
     """The same span and order with UᵀMU = I, by Cholesky; each column's largest entry made positive."""
-    factor = np.linalg.cholesky(weighted(metric, U.T) @ U)
-    Q = solve_triangular(factor, U.T, lower=True).T
-    signs = np.sign(Q[np.abs(Q).argmax(axis=0), np.arange(Q.shape[1])])
-    return np.ascontiguousarray(Q * signs)
+    Q = _orthonormal_rows(np.ascontiguousarray(U.T), metric)
+    signs = np.sign(Q[np.arange(len(Q)), np.abs(Q).argmax(axis=1)])
+    return np.ascontiguousarray((Q * signs[:, None]).T)
+
+
+def _orthonormal_rows(rows: Array, metric: csr_array) -> Array:
+    """Cholesky QR of modes (k, 3n) that are rows, each in one piece of memory."""
+    factor = np.linalg.cholesky(weighted(metric, rows) @ rows.T)
+    orthonormal: Array = solve_triangular(factor, np.eye(len(rows)), lower=True) @ rows
+    return orthonormal
 
 
 @njit(cache=True, nogil=True)

@@ -57,9 +57,7 @@ def cross(quick: bool) -> Configuration:
     """The X of the paper, or a procedural one."""
     if not quick:
         mesh = _solid(6e4, _slab("y", 0.001), file=f"{MESHES}x_29686.mesh")
-        return _configuration(
-            "x", mesh, [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 10, "epochs": 1200}, 60, CLOSURE
-        )
+        return _configuration("x", mesh, [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 10}, 60, CLOSURE)
     mesh = _solid(4e4, _slab("y", 0.001), shape={"name": "cross", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="heldout")]
     return _configuration("paper-cross", mesh, motions, {"r": 6} | QUICK_TRAINING, 19, QUICK_CUBATURE)
@@ -71,7 +69,7 @@ def bar(quick: bool, youngs_modulus: float = 1e5) -> Configuration:
     if not quick:
         mesh = _solid(youngs_modulus, _slab("x", 0.021), file=f"{MESHES}beam_45151.mesh")
         pulls = _pulls("pulls", 4, 1, 0.1, role="heldout", stiffness=30, radius=0.03, frames=40, rest=40)
-        return _configuration(f"beam{suffix}", mesh, [_recorded("beam"), pulls], {"r": 10, "epochs": 1200}, 60, CLOSURE)
+        return _configuration(f"beam{suffix}", mesh, [_recorded("beam"), pulls], {"r": 10}, 60, CLOSURE)
     mesh = _solid(youngs_modulus, _slab("x", 0.001), shape={"name": "beam", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.12), _pulls("pulls_2", 1, 2, 0.12, role="heldout")]
     return _configuration(f"paper-bar{suffix}", mesh, motions, {"r": 5} | QUICK_TRAINING, 20, QUICK_CUBATURE)
@@ -92,7 +90,7 @@ def elephant(quick: bool) -> Configuration:
     local = _recorded("local_effect", role="heldout")
     if not quick:
         mesh = _solid(1e5, _slab("z", 0.021), file=f"{MESHES}elephant_61699.mesh")
-        return _configuration("elephant", mesh, [_recorded("elephant"), local], {"r": 7, "epochs": 1200}, 60)
+        return _configuration("elephant", mesh, [_recorded("elephant"), local], {"r": 7}, 60)
     mesh = _solid(8e4, _slab("z", 0.021), file=f"{MESHES}elephant_2428.mesh")
     motions = [_recorded("elephant", 250), local]
     return _configuration("paper-elephant", mesh, motions, {"r": 7} | QUICK_TRAINING, 28, QUICK_CUBATURE)

@@ -30,7 +30,7 @@ def _trained(run: Material, r: int, k: int, options: TrainingOptions) -> tuple[T
 
 def depth(bench: Bench) -> Outcome:
     """Figure 6: error and step time against the number of hidden layers (X, r 6, k 19, width 200)."""
-    epochs, width, repeats = (200, 60, 1) if bench.quick else (1500, 200, 3)
+    epochs, width, repeats = (200, 60, 1) if bench.quick else (500, 200, 3)
     depths = range(1, 7)
     with opened(bench.made(cross(bench.quick), "cubature")) as run:
         motion, points = run.names[0], run.cubature("latent")
@@ -87,7 +87,7 @@ def _share_of_gain(errors: list[float]) -> float:
 def latent_and_outer_size(bench: Bench) -> Outcome:
     """Figure 7: largest training error against r, for several k (beam)."""
     rs, ks = ((1, 3, 6, 10), (6, 10, 20)) if bench.quick else ((1, 3, 6, 10, 15, 20), (3, 6, 10, 15, 20, 30))
-    epochs, repeats = (300, 1) if bench.quick else (1500, 3)
+    epochs, repeats = (300, 1) if bench.quick else (500, 3)
     with opened(bench.made(bar(bench.quick), "pca")) as run:
 
         def measured(r: int, k: int, seed: int) -> dict[str, Any]:

@@ -32,7 +32,7 @@ class Autoencoder(torch.nn.Module):
 
     Args:
         spread: root mean square of each coordinate, (k,). The decoder's outputs are multiplied by it: the last
-            coordinates are some thousand times smaller than the first, and a step of Adam, the same for every weight,
+            coordinates are some thousand times smaller than the first, and a step that is the same for every weight
             would drown them in noise.
     """
 

@@ -34,9 +34,9 @@ class TrainingOptions:
 
     hidden: tuple[int, ...] = (100, 100)
     activation: str = "elu"
-    epochs: int = 1500
-    batch: int = 128
-    learning_rate: float = 1e-3
+    epochs: int = 400
+    batch: int = 256
+    learning_rate: float = 1e-2
     validation_share: float = 0.1
     patience: int = 400
     seed: int = 0

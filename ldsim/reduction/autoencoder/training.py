@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ldsim.errors import SolverError
 from ldsim.reduction.autoencoder.losses import Projectors, curvature, divergence, equilibrium_shift, projectors
 from ldsim.reduction.autoencoder.network import Autoencoder, extract
+from ldsim.reduction.autoencoder.optimiser import Soap
 from ldsim.reduction.autoencoder.options import Forces, Trained, TrainingOptions
 
 Array = NDArray[np.float64]
@@ -142,7 +143,7 @@ def _device(name: str) -> torch.device:
 
 
 class _Fit:
-    """One training: Adam on a cosine; keeps the weights of the lowest validation loss of its last phase."""
+    """One training: SOAP on a cosine; keeps the weights of the lowest validation loss of its last phase."""
 
     def __init__(self, q: Array, r: int, options: TrainingOptions, forces: Forces | None, ordered: bool) -> None:
         self.options = options
@@ -159,8 +160,7 @@ class _Fit:
         with torch.random.fork_rng():
             torch.manual_seed(options.seed)
             self.model = Autoencoder(r, self.spread, options).to(self.device)
-        rate = options.learning_rate
-        self.optimiser = torch.optim.Adam(self.model.parameters(), lr=rate, fused=True)
+        self.optimiser = Soap(self.model.parameters(), options.learning_rate)
         self.state = _Progress()
         self.forces = None if not options.equilibrium else self._tensors(q, forces)
         self.along: Projectors | None = None
