@@ -31,6 +31,7 @@ from record import RESULTS, Row, row, show, write
 from tqdm import tqdm
 
 from ldsim.artefacts.records import write_scene
+from ldsim.artefacts.snapshots import Lease
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.ensemble import SolverOptions, run_motion
@@ -147,7 +148,9 @@ def snapshot_peak(frames: int) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.h5"
         write_scene(path, Header("scene", "", {}, -1, {}), uniform_scene(mesh, pinned, youngs_modulus=4e4))
-        run_motion(path, Path(folder) / "partial", Motion("hang", frames, ()), SolverOptions(TOLERANCE, 25, 500))
+        partial = Path(folder) / "partial"
+        partial.mkdir()
+        run_motion(path, Lease.taken(partial), Motion("hang", frames), SolverOptions(TOLERANCE, 25, 500))
     return peak_gib()
 
 
