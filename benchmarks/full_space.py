@@ -27,11 +27,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from record import RESULTS, Row, row, show, write
+from results_file import RESULTS, Row, row, write_results
 from tqdm import tqdm
 
+from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
-from ldsim.artefacts.snapshots import Lease
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.ensemble import SolverOptions, run_motion
@@ -261,6 +261,13 @@ def memory(quick: bool) -> list[Row]:
     return [row("cross", "peak memory of snapshot, long run over short", long / short, "", "<= 1.1")]
 
 
+def show(rows: list[Row]) -> None:
+    """Print rows, a line each."""
+    for entry in rows:
+        words = f"{entry['model']}: {entry['quantity']} = {float(str(entry['value'])):.4g} {entry['unit']}".rstrip()
+        print(f"{words} (goal {entry['goal']})" if entry["goal"] else words, flush=True)
+
+
 PARTS: dict[str, Callable[[bool], list[Row]]] = {
     "x": x,
     "beam": beam,
@@ -281,11 +288,8 @@ def main() -> None:
         flags = f" --part {part}" + (" --quick" if given.quick else "")
         rows = PARTS[part](given.quick)
         show(rows)
-        print(
-            write(
-                f"full_space_{part}{'_quick' if given.quick else ''}", "python benchmarks/full_space.py" + flags, rows
-            )
-        )
+        name = f"full_space_{part}{'_quick' if given.quick else ''}"
+        print(write_results(name, "python benchmarks/full_space.py" + flags, rows))
 
 
 if __name__ == "__main__":

@@ -170,7 +170,7 @@ def _clip(run: FinishedRun, motion: str, stride: int, vertices: Indices) -> Clip
     if all(trajectory.mean_error is not None for trajectory in reduced.values()):
         films.append(_full_film(run, motion, frames, vertices, pulled))
     for space, trajectory in reduced.items():
-        films.append(_reduced_film(run, space, trajectory, frames, vertices, pulled))
+        films.append(_reduced_film(run, motion, space, trajectory, frames, vertices, pulled))
     return Clip(motion, recorded.role, frames, films, drags)
 
 
@@ -193,20 +193,23 @@ def _full_film(
 
 def _reduced_film(
     run: FinishedRun,
+    motion: str,
     space: str,
     trajectory: Trajectory,
     frames: Indices,
     vertices: Indices,
     pulled: Sequence[tuple[Indices, Indices]],
 ) -> Film:
-    """u = U q until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
+    """u = U q + L a until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
     q = trajectory.coordinates
     assert q is not None, "reduced runs keep their coordinates"
     whole = np.isfinite(q).all(axis=1)
     if trajectory.max_error is not None:
         whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
     kept = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
-    U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[:, :, : q.shape[1]]
+    U = np.hstack([run.basis.basis.U[:, : q.shape[1]], run.lifting.fields])
+    q = np.hstack([q, run.lifting.coordinates(run.recorded[motion].motion)])
+    U = U.reshape(-1, 3, q.shape[1])
     rows = U[vertices].reshape(-1, q.shape[1])
     grips = []
     for during, held in pulled:
@@ -219,10 +222,11 @@ def _reduced_film(
 def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
-    What the run's basis misses of a film is searched by a randomised range finder with one power iteration (Halko,
-    Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis, with the fields of pins that move, misses of a film is searched by a randomised range finder
+    with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
-    U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[vertices].reshape(3 * len(vertices), -1)
+    U = np.hstack([run.basis.basis.U, run.lifting.fields])
+    U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0]
     films = [film.displacements.astype(np.float64) for clip in clips for film in clip.films]
     missed = [film - film @ Q @ Q.T for film in films]

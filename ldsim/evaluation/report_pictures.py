@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,6 @@ from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.html import readable
 from ldsim.mesh.surface import surface_triangles
-from ldsim.reduction.lifting import Lifting
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,7 +57,6 @@ class Studio:
         self._turn = upright(run.scene.gravity)
         self._rest = run.scene.mesh.vertices @ self._turn.T
         self._triangles = surface_triangles(run.scene.mesh)
-        self._liftings: dict[str, Callable[[int, int], Array]] = {}
 
     def still(self, moment: Moment) -> Picture:
         """One frame of all spaces; a space that is lost by then is left out and named in the caption."""
@@ -111,16 +109,9 @@ class Studio:
         q = self._run.reduced_runs(motion)[space].coordinates
         assert q is not None
         u: Array = self._run.basis.basis.U[:, : q.shape[1]] @ q[frame]
-        moved = u.reshape(-1, 3) + self._lifted(motion)(frame, frame + 1)[0]
-        positions: Array = self._rest + moved @ self._turn.T
+        lifted = self._run.lifting.displacements(self._run.recorded[motion].motion)(frame, frame + 1)[0]
+        positions: Array = self._rest + (u.reshape(-1, 3) + lifted) @ self._turn.T
         return positions
-
-    def _lifted(self, motion: str) -> Callable[[int, int], Array]:
-        """What moving pins prescribe in frames of a motion."""
-        if motion not in self._liftings:
-            recorded = self._run.recorded[motion].motion
-            self._liftings[motion] = Lifting.of(self._run.scene, [recorded]).displacements(recorded)
-        return self._liftings[motion]
 
     def _near(self, positions: Array, full: Array) -> bool:
         """Whether all positions are within a diagonal of the full space's: what is lost must not set the frame."""
