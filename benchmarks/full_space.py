@@ -27,9 +27,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from record import RESULTS, Row, row, show, write
+from results_file import RESULTS, Row, row, write_results
 from tqdm import tqdm
 
+from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.full import FullState, FullStepper
@@ -147,7 +148,9 @@ def snapshot_peak(frames: int) -> float:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.h5"
         write_scene(path, Header("scene", "", {}, -1, {}), uniform_scene(mesh, pinned, youngs_modulus=4e4))
-        run_motion(path, Path(folder) / "partial", Motion("hang", frames, ()), SolverOptions(TOLERANCE, 25, 500))
+        partial = Path(folder) / "partial"
+        partial.mkdir()
+        run_motion(path, Lease.taken(partial), Motion("hang", frames), SolverOptions(TOLERANCE, 25, 500))
     return peak_gib()
 
 
@@ -258,6 +261,13 @@ def memory(quick: bool) -> list[Row]:
     return [row("cross", "peak memory of snapshot, long run over short", long / short, "", "<= 1.1")]
 
 
+def show(rows: list[Row]) -> None:
+    """Print rows, a line each."""
+    for entry in rows:
+        words = f"{entry['model']}: {entry['quantity']} = {float(str(entry['value'])):.4g} {entry['unit']}".rstrip()
+        print(f"{words} (goal {entry['goal']})" if entry["goal"] else words, flush=True)
+
+
 PARTS: dict[str, Callable[[bool], list[Row]]] = {
     "x": x,
     "beam": beam,
@@ -278,11 +288,8 @@ def main() -> None:
         flags = f" --part {part}" + (" --quick" if given.quick else "")
         rows = PARTS[part](given.quick)
         show(rows)
-        print(
-            write(
-                f"full_space_{part}{'_quick' if given.quick else ''}", "python benchmarks/full_space.py" + flags, rows
-            )
-        )
+        name = f"full_space_{part}{'_quick' if given.quick else ''}"
+        print(write_results(name, "python benchmarks/full_space.py" + flags, rows))
 
 
 if __name__ == "__main__":

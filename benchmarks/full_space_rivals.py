@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from record import Row, row
+from results_file import Row, row
 from scikit_fem_step import ScikitFemStepper
 from tqdm import tqdm
 

@@ -12,6 +12,13 @@ from ldsim.evaluation.machine import describe_machine
 
 RESULTS = Path(__file__).parent / "results"
 
+Row = dict[str, object]
+
+
+def row(model: str, quantity: str, value: object, unit: str = "", goal: str | None = None) -> Row:
+    """One measured number; the goal is a comparison such as ">= 10"."""
+    return {"model": model, "quantity": quantity, "value": value, "unit": unit, "goal": goal}
+
 
 def write_results(
     name: str,

@@ -66,6 +66,11 @@ def result(future: Future[None]) -> None:
             "worker processes died again and again on one motion (out of memory?); finished frames are kept — run "
             "again to continue, with a smaller snapshot.workers if memory is short"
         ) from error
+    except MemoryError as error:
+        raise SolverError(
+            f"a worker ran out of memory ({error or 'allocation failed'}); finished frames are kept — run again to "
+            "continue, with a smaller snapshot.workers or linear_solver: multigrid"
+        ) from error
     except CancelledError as error:
         raise SolverError("the Dask scheduler went away; finished frames are kept — run again to continue") from error
     except ImportError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import resource
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,18 @@ def scene(
     numbers: dict[str, Any] = {"gravity": (0.0, -9.81, 0.0), "time_step": 0.01} | given
     numbers |= {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     return uniform_scene(mesh, x < x.min() + 1e-9, material=material, **numbers)
+
+
+@contextlib.contextmanager
+def little_memory(extra: int) -> Iterator[None]:
+    """For the block, this process can take no more than `extra` bytes besides what it has."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + extra, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -19,12 +19,13 @@ import psutil
 import pytest
 import yaml
 from distributed import Client, LocalCluster
+from distributed.scheduler import KilledWorker
 from numpy.typing import NDArray
 
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Snapshots
-from ldsim.cluster import local_cluster
+from ldsim.cluster import local_cluster, result
 from ldsim.ensemble import SolverOptions, run_motion, run_motions
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
@@ -254,6 +255,23 @@ def test_a_run_that_another_one_took_over_stops_after_its_frame(scene: Path, tmp
             future.result(WAIT)
     lease.given_back()
     assert (tmp_path / "lease").exists(), "whoever lost a lease cannot end the one of another"
+
+
+@pytest.mark.parametrize(
+    ("failure", "words"),
+    [
+        (KilledWorker("m", "worker", 3), "worker processes died again and again on one motion (out of memory?)"),
+        (MemoryError("Unable to allocate 9 GiB"), "a worker ran out of memory (Unable to allocate 9 GiB)"),
+    ],
+    ids=["killed", "told"],
+)
+def test_workers_without_memory_are_told_in_one_line(failure: Exception, words: str) -> None:
+    future: Future[None] = Future()
+    future.set_exception(failure)
+    with pytest.raises(SolverError) as refusal:
+        result(future)
+    message = str(refusal.value)
+    assert message.startswith(words) and "finished frames are kept" in message and "\n" not in message
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://127.0.0.1:1", "127.0.0.1"])

@@ -18,6 +18,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.goal import Goal
 from ldsim.reduction.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import inner_product
 from ldsim.reduction.reconstruction import all_coordinates
 from ldsim.settings import CubatureSettings
@@ -45,11 +46,14 @@ def command(run: Run) -> None:
     missed = False
     with Snapshots(run.path("snapshots")) as snapshots:
         names = snapshots.with_role("train")
+        motions = [snapshots.recorded(name).motion for name in names]
+        lifting = Lifting.of(scene, motions)
         metric = inner_product(scene.mass, run.settings.pca.inner_product)
-        q = all_coordinates(lambda: snapshots.chunks(names), metric, U)
+        q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), metric, U)
         fitted, kept_back = split_poses(len(q), settings.poses, settings.heldout_poses, settings.seed)
         true_pose = snapshots.frame_reader(names)
-        for name, space in _pose_spaces(scene, U, model, q, true_pose).items():
+        pins = lifting.fields, lifting.all_coordinates(motions)
+        for name, space in _pose_spaces(scene, U, model, q, true_pose, pins).items():
             started = time.perf_counter()
             with one_thread(), progress_bar(None, f"cubature {name}", "set") as bar:
 
@@ -88,15 +92,25 @@ def _recipe(settings: CubatureSettings) -> Recipe:
 
 
 def _pose_spaces(
-    scene: Scene, U: Array, model: StoredModel, q: Array, displacement: Callable[[int], NDArray[np.float32]]
+    scene: Scene,
+    U: Array,
+    model: StoredModel,
+    q: Array,
+    displacement: Callable[[int], NDArray[np.float32]],
+    pins: tuple[Array, Array],
 ) -> dict[str, PoseSpace]:
-    """The latent space and its linear rival of kp columns, with the poses q of all columns, (N, k)."""
-    stiffness = reduced_rest_stiffness(scene, U)
+    """The latent space and its linear rival of kp columns, with the poses q of all columns, (N, k).
+
+    Args:
+        pins: the fields of moving pins, (3n, l), and their coordinates in the poses, (N, l).
+    """
+    stiffness, (L, a) = reduced_rest_stiffness(scene, U), pins
     kp = model.kp
-    narrow = np.ascontiguousarray(U[:, :kp])
+    wide, narrow = np.hstack([U, L]), np.hstack([U[:, :kp], L])
+    identity = Decoder.identity(kp)
     return {
-        "latent": PoseSpace(scene, U, model.decoder, stiffness, model.encoder(q), displacement),
-        "linear": PoseSpace(scene, narrow, Decoder.identity(kp), stiffness[:kp, :kp], q[:, :kp], displacement),
+        "latent": PoseSpace(scene, wide, model.decoder, stiffness, model.encoder(q), displacement, a),
+        "linear": PoseSpace(scene, narrow, identity, stiffness[:kp, :kp], q[:, :kp], displacement, a),
     }
 
 

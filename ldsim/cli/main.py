@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from typing import Never
 
 import click
 
@@ -48,8 +49,18 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except LdsimError as error:
-            click.echo(f"error: {' '.join(str(error).split())}", err=True)
-            sys.exit(1)
+            _end_with(str(error))
+        except MemoryError as error:
+            _end_with(
+                f"ldsim {ctx.invoked_subcommand} ran out of memory ({str(error) or 'allocation failed'}); what was "
+                "finished is kept — use a coarser mesh, fewer snapshot.workers or a machine with more memory"
+            )
+
+
+def _end_with(message: str) -> Never:
+    """Say what is wrong in one line, and leave with status 1."""
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    sys.exit(1)
 
 
 @click.group(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.mechanics.motion import check_pins_stand
-from ldsim.reduction.pca import Rule, errors_against_k, fit_basis, inner_product
+from ldsim.reduction.lifting import Lifting
+from ldsim.reduction.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product
 
 
 @stage_command("pca", "Find the linear basis by the max-vertex-error rule or for a given k.")
@@ -16,14 +16,18 @@ def command(run: Run) -> None:
     metric = inner_product(scene.mass, settings.inner_product)
     with Snapshots(run.path("snapshots")) as snapshots, progress_bar(2, "pca", "pass") as bar:
         run.check("snapshots", snapshots.header, "scene")
-        for name in snapshots.names:
-            check_pins_stand(snapshots.recorded(name).motion)
+        motions = {name: snapshots.recorded(name).motion for name in snapshots.names}
+        lifting = Lifting.of(scene, motions.values())
         train, heldout = snapshots.with_role("train"), snapshots.with_role("heldout")
         tolerance = settings.energy if settings.criterion == "energy" else settings.tolerance_mm / 1e3
         rule = Rule(settings.k, settings.criterion, tolerance, settings.max_k)
-        basis = fit_basis(lambda: snapshots.chunks(train), metric, rule)
+
+        def chunks(names: list[str]) -> Chunks:
+            return lifting.taken_off(lambda: snapshots.chunks(names), [motions[name] for name in names])
+
+        basis = fit_basis(chunks(train), metric, rule)
         bar.update()
-        errors = errors_against_k(lambda: snapshots.chunks(heldout), metric, basis.U) if heldout else (None, None)
+        errors = errors_against_k(chunks(heldout), metric, basis.U) if heldout else (None, None)
         bar.update()
     header = run.header("basis", "pca", ("scene", "snapshots"))
     write_basis(run.path("basis"), header, StoredBasis(basis, *errors))

@@ -19,6 +19,7 @@ from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.reduction.autoencoder import Forces, Trained, TrainingOptions, train, train_ordered
 from ldsim.reduction.latent_search import search
+from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import Chunks, inner_product
 from ldsim.reduction.pose_stiffness import pose_forces, spread_frames
 from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, reconstruction_error
@@ -38,10 +39,12 @@ def command(run: Run) -> None:
     U, partial = stored.basis.U, run.folder / "model.partial"
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
     with Snapshots(run.path("snapshots")) as snapshots, progress_bar(None, "train", "epoch") as bar, one_thread():
+        motions = {name: snapshots.recorded(name).motion for name in snapshots.names}
+        lifting = Lifting.of(scene, motions.values())
 
         def chunks(role: str) -> Chunks:
             names = snapshots.with_role(role)
-            return lambda: snapshots.chunks(names)
+            return lifting.taken_off(lambda: snapshots.chunks(names), [motions[name] for name in names])
 
         def error(trained: Trained, role: str = "train") -> tuple[float, float]:
             return reconstruction_error(chunks(role), metric, U, trained.encoder, trained.decoder)
@@ -50,7 +53,8 @@ def command(run: Run) -> None:
         forces = None
         if settings.equilibrium:
             frames = spread_frames(len(q), settings.equilibrium_poses)
-            forces = pose_forces(scene, U, q, chunks("train"), frames, bar.update)
+            a = lifting.all_coordinates([motions[name] for name in snapshots.with_role("train")])
+            forces = pose_forces(scene, U, q, chunks("train"), frames, bar.update, lambda t: lifting.fields @ a[t])
         trainings = _Trainings(q, settings, forces, partial, bar)
         found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, settings.tolerance_mm / 1e3)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.lifting import Lifting
 from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
@@ -92,13 +94,28 @@ class ReducedState:
         return cls(z, z_previous, q, q_previous, 2 * z - z_previous)
 
 
+class Prescribed(NamedTuple):
+    """Where moving pins are in one frame: a and its second difference aₙ₊₁ − 2aₙ + aₙ₋₁, (l,) each."""
+
+    a: Array
+    change: Array
+
+    @classmethod
+    def of(cls, coordinates: Array, frame: int) -> Prescribed:
+        """From a in every frame, (N, l); before the first all pins are at rest."""
+        rest = np.zeros(coordinates.shape[1])
+        a, before, earlier = (coordinates[i] if i >= 0 else rest for i in (frame, frame - 1, frame - 2))
+        return cls(a, a - 2 * before + earlier)
+
+
 class ReducedStepper:
-    """Steps a scene in the space u = U φ(z) with a weighted few quadrature points.
+    """Steps a scene in the space u = U φ(z) + L a with a weighted few quadrature points.
 
     Args:
         points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
         method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
+        lifting: the pins that may move, L; None where all stand still.
 
     Attributes:
         mass: M̃ = UᵀMU, (k, k) float64, kg in the coordinates of U.
@@ -117,6 +134,7 @@ class ReducedStepper:
         method: Method = Method.BFGS,
         current: bool = True,
         inertia_in_metric: bool = True,
+        lifting: Lifting | None = None,
     ) -> None:
         elements = scene.elements
         self.decoder = decoder
@@ -135,7 +153,11 @@ class ReducedStepper:
             _diagonal(inertia),
             inertia + stiffness if inertia_in_metric else stiffness,
             U.T @ scene.external_force.ravel(),
+            np.zeros((0 if lifting is None or lifting.count == 0 else len(points), 9)),
         )
+        self.lifting = lifting
+        if lifting is not None and lifting.count:
+            self._lift(scene, U, lifting.fields, points)
         self._base, self._stiffness = self._model, stiffness
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._own_force = self._model.force.copy()
@@ -152,13 +174,25 @@ class ReducedStepper:
         self._reference = model_reference(self._model, self._options, self._work)
         self._springs_reference = springs_reference(self._springs)
 
+    def _lift(self, scene: Scene, U: Array, fields: Array, points: NDArray[np.int64]) -> None:
+        """What the steps need of L: its strain at the points, (c, 9, l), UᵀML/h², (k, l), and itself by vertex."""
+        self._lifted_strain = strain_maps(scene, fields, points)
+        momentum = np.asarray(scene.mass @ fields.reshape(scene.mesh.n_vertices, -1)).reshape(fields.shape)
+        self._lifted_inertia = U.T @ momentum / scene.time_step**2
+        self._fields = fields.reshape(scene.mesh.n_vertices, 3, -1)
+
     def step(
-        self, state: ReducedState, grabs: Sequence[Grab], gravity: Array | None = None
+        self,
+        state: ReducedState,
+        grabs: Sequence[Grab],
+        gravity: Array | None = None,
+        prescribed: Prescribed | None = None,
     ) -> tuple[ReducedState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged.
 
         Args:
             gravity: (3,) float64, m/s²; None for the scene's own.
+            prescribed: where the pins are; None where all stand still.
         """
         self._set_gravity(gravity)
         r, k = len(state.z), len(state.q)
@@ -166,6 +200,8 @@ class ReducedStepper:
         renew = state.H is None or state.excess > self._renewal_cost or not _same(held, state.held)
         new = np.empty(2 * r + k + r * r)
         self.springs(grabs)
+        if len(self._model.lifted):
+            self._set_pins(prescribed, grabs)
         iterations, evaluations, reason, value, norm = advance(
             self._reference,
             self._springs_reference,
@@ -192,6 +228,15 @@ class ReducedStepper:
             return
         self._gravity = gravity
         self._model.force[:] = self._own_force if gravity is None else self._load + self._weight @ gravity
+
+    def _set_pins(self, prescribed: Prescribed | None, grabs: Sequence[Grab]) -> None:
+        a, change = prescribed or (np.zeros(self._fields.shape[2]),) * 2
+        force = self._own_force if self._gravity is None else self._load + self._weight @ self._gravity
+        self._model.force[:] = force - self._lifted_inertia @ change
+        self._model.lifted[:] = self._lifted_strain @ a
+        for i, grab in enumerate(grabs):
+            rest = self._vertices[grab.vertices].mean(axis=0)
+            self._springs.centre[i] = rest + self._fields[grab.vertices].mean(axis=0) @ a
 
     def set_material_scale(self, scale: float) -> None:
         """Multiply the Lamé parameters that the model was built with, and the rest stiffness, by a positive number."""
@@ -220,10 +265,10 @@ class ReducedStepper:
             springs.centre[i] = self._vertices[grab.vertices].mean(axis=0)
         return springs
 
-    def displacement(self, state: ReducedState) -> Array:
-        """u = U q, (n, 3) float64, metres."""
+    def displacement(self, state: ReducedState, prescribed: Prescribed | None = None) -> Array:
+        """u = U q + L a, (n, 3) float64, metres."""
         u: Array = self._U @ state.q
-        return u
+        return u if prescribed is None or not len(self._model.lifted) else u + self._fields @ prescribed.a
 
 
 def _same(left: Sequence[NDArray[np.int64]], right: Sequence[NDArray[np.int64]]) -> bool:

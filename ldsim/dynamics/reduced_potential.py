@@ -5,7 +5,7 @@ One code path for the linear and the latent space: the linear space is the laten
     E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
 (paper, Eq. 12). Cubature points see the reduced coordinates directly, F_s = I + G_s q, so neither the mesh nor the kind
-of element matters.
+of element matters. Pins that move add their own strain there (reduction/lifting.py).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Reduced(NamedTuple):
 
     layers: the decoder. G (c, 9, k): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
     (k, k): M̃/h², or its diagonal (1, k) where that is all. metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force
-    (k,): Uᵀ f_ext, N.
+    (k,): Uᵀ f_ext, N. lifted (c, 9): what pins that move add to F of every point, or (0, 9) where none can.
     """
 
     layers: Layers
@@ -41,6 +41,7 @@ class Reduced(NamedTuple):
     inertia: Array
     metric: Array
     force: Array
+    lifted: Array
 
 
 class Springs(NamedTuple):
@@ -113,9 +114,22 @@ def _combine(rows: Array, p: Matrix, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _deformation(G: Array, q: Array) -> Matrix:
-    """F = I + G_s q of one point."""
+def _deformation(G: Array, q: Array, lifted: Array, s: int) -> Matrix:
+    """F = I + G_s q of point s, with what moving pins add."""
     a, b, c, d, e, f, g, h, i = _contract(G, q)
+    if lifted.shape[0] > 0:
+        L = lifted[s]
+        return (
+            1.0 + a + L[0],
+            b + L[1],
+            c + L[2],
+            d + L[3],
+            1.0 + e + L[4],
+            f + L[5],
+            g + L[6],
+            h + L[7],
+            1.0 + i + L[8],
+        )
     return 1.0 + a, b, c, d, 1.0 + e, f, g, h, 1.0 + i
 
 
@@ -125,7 +139,8 @@ def _add_elastic(model: Reduced, q: Array, force: Array) -> float:
     total = 0.0
     for s in range(model.weights.shape[0]):
         G, w = model.G[s], model.weights[s]
-        density, P = energy_stress(model.kind[s], _deformation(G, q), model.mu[s], model.lam[s])
+        F = _deformation(G, q, model.lifted, s)
+        density, P = energy_stress(model.kind[s], F, model.mu[s], model.lam[s])
         if not density < math.inf:
             return math.inf
         total += w * density
@@ -219,7 +234,8 @@ def current_tangent(model: Reduced, work: Work) -> None:
             H[a, a] = model.inertia[0, a]
     for s in range(model.weights.shape[0]):
         G = model.G[s]
-        U, V, D, O = tangent(model.kind[s], _deformation(G, work.q), model.mu[s], model.lam[s], True)
+        F = _deformation(G, work.q, model.lifted, s)
+        U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
         for a in range(r):
             if identity:
                 x = (G[0, a], G[1, a], G[2, a], G[3, a], G[4, a], G[5, a], G[6, a], G[7, a], G[8, a])

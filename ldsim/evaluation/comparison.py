@@ -16,20 +16,21 @@ from scipy.sparse import csr_array
 
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.reduced import Method
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced_model import Prescribed, ReducedState, ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.mechanics.motion import GrabTracker, Motion, check_pins_stand
+from ldsim.mechanics.motion import GrabTracker, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
+from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import coordinates
 from ldsim.solvers.solution import Reason
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Held = Mapping[int, Indices]
-Frames = Callable[[int, int], NDArray[np.float32]]
+Frames = Callable[[int, int], NDArray[np.floating]]
 
 TRIAL_FRAMES = 60
 CHUNK = 64
@@ -73,9 +74,9 @@ def run_reduced(
     """Step through frames of a motion in a reduced space; a run that is lost ends in NaN.
 
     Raises:
-        MotionError: the motion moves pins, which a reduced space cannot.
+        MotionError: the motion moves pins that the stepper was not prepared for.
     """
-    check_pins_stand(motion)
+    a = (stepper.lifting or Lifting.of(scene, ())).coordinates(motion)
     tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
     state = start if start is not None else ReducedState.at_rest(stepper.decoder)
     count, decoder = len(frames), stepper.decoder
@@ -86,10 +87,13 @@ def run_reduced(
     limit = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
     for i, frame in enumerate(frames):
         state = (restarts.before(frame) if restarts is not None else None) or state
-        u = stepper.displacement(state) if tracker.needs_state(frame) else None
+        u = None
+        if tracker.needs_state(frame):
+            u = stepper.displacement(state, Prescribed.of(a, frame - 1) if frame else None)
         grabs, gravity = tracker.grabs(frame, u), tracker.conditions(frame).gravity
+        prescribed = Prescribed.of(a, frame)
         started = time.perf_counter()
-        state, solution = stepper.step(state, grabs, gravity)
+        state, solution = stepper.step(state, grabs, gravity, prescribed)
         seconds[i] = time.perf_counter() - started
         counts[i] = solution.iterations, solution.evaluations, solution.reason
         if solution.reason == Reason.INFINITE_START or not np.linalg.norm(state.q) < limit:
@@ -145,20 +149,26 @@ def fastest(
 
 
 def with_errors(
-    trajectory: Trajectory, U: Array, snapshots: Callable[[int, int], NDArray[np.float32]], windowed: Trajectory
+    trajectory: Trajectory,
+    U: Array,
+    snapshots: Callable[[int, int], NDArray[np.float32]],
+    windowed: Trajectory,
+    lifted: Frames | None = None,
 ) -> Trajectory:
     """The trajectory with its vertex distances to the full-space snapshots, uninterrupted and windowed.
 
     Args:
         snapshots: frames start … stop − 1 of the full-space run, (frames, n, 3), metres.
+        lifted: the same of what moving pins prescribe; None where all stand still.
     """
     assert trajectory.coordinates is not None and windowed.coordinates is not None
     columns: list[Array] = []
     for start in range(0, len(trajectory.coordinates), CHUNK):
         part = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
         full = snapshots(part.start, part.stop)
-        distance = _distances(trajectory.coordinates[part], U, full)
-        again = _distances(windowed.coordinates[part], U, full)
+        relative = full if lifted is None else full - lifted(part.start, part.start + len(full))
+        distance = _distances(trajectory.coordinates[part], U, relative)
+        again = _distances(windowed.coordinates[part], U, relative)
         moved = np.linalg.norm(full.astype(np.float64), axis=2)
         columns.append(np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)]))
     mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
@@ -171,7 +181,7 @@ def with_errors(
     )
 
 
-def _distances(q: Array, U: Array, full: NDArray[np.float32]) -> Array:
+def _distances(q: Array, U: Array, full: NDArray[np.floating]) -> Array:
     """Vertex distances between U q and the snapshots, (frames, n) metres; infinite where q is not finite."""
     distance: Array = np.linalg.norm((q @ U.T).reshape(full.shape) - full, axis=2)
     distance[~np.isfinite(q).all(axis=1)] = np.inf
@@ -223,7 +233,8 @@ def compare_motion(
 
     Yields the space's name, its trajectory and its minimiser.
     """
-    timed = stretch(motion, options.full_frames)
+    timed, lifting = stretch(motion, options.full_frames), Lifting.of(scene, [motion])
+    lifted = lifting.displacements(motion) if lifting.count else None
     yield "full", _full_stretch(scene, motion, held, timed, snapshots, options.tolerance), "L-BFGS, turned factor"
     for space in spaces:
 
@@ -238,16 +249,22 @@ def compare_motion(
                 max_iterations=options.max_iterations,
                 method=method,
                 current=current,
+                lifting=lifting,
             )
 
         name, stepper = fastest(make, scene, motion, held)
         whole = range(motion.frames)
         trajectory = run_reduced(stepper, scene, motion, held, whole, progress=progress)
         if snapshots is not None:
-            restarts = _restarts(scene, metric, space, snapshots, options.window)
+            restarts = _restarts(scene, metric, space, _without(snapshots, lifted), options.window)
             windowed = run_reduced(stepper, scene, motion, held, whole, restarts, progress=progress)
-            trajectory = with_errors(trajectory, space.U, snapshots, windowed)
+            trajectory = with_errors(trajectory, space.U, snapshots, windowed, lifted)
         yield space.name, trajectory, name
+
+
+def _without(snapshots: Frames, lifted: Frames | None) -> Frames:
+    """The frames less what moving pins prescribe in them."""
+    return snapshots if lifted is None else lambda start, stop: snapshots(start, stop) - lifted(start, stop)
 
 
 def _displacement(scene: Scene, snapshots: Frames, frame: int) -> Array:

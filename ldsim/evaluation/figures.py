@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -84,7 +84,7 @@ def error_against_k(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     for curve, name, dashes in ((train, "training", "-"), (heldout, "held-out", DASHED)):
         if curve is not None:
-            drawn = {"ls": dashes, "lw": 1.7, "mfc": None if dashes == "-" else "none", **marked(modes)}
+            drawn: dict[str, Any] = {"ls": dashes, "lw": 1.7, "mfc": None if dashes == "-" else "none", **marked(modes)}
             ax.plot(*thinned(modes, curve.max_mm), color=LINEAR, marker="^", label=f"max, {name}", **drawn)
             ax.plot(*thinned(modes, curve.mean_mm), color=GREEN, marker="o", label=f"mean, {name}", **drawn)
     if autoencoder is not None:
@@ -134,7 +134,7 @@ def cubature_error(curves: Sequence[CubatureCurve], tolerance: float | None = No
     """Relative error of cubature against its number of points, for each space, and the tolerance asked for."""
     figure, ax = new_axes("cubature points", "relative force error")
     for curve in curves:
-        drawn = {"color": SPACE_COLOURS[curve.space], "marker": SPACE_MARKERS[curve.space], "ms": 3}
+        drawn: dict[str, Any] = {"color": SPACE_COLOURS[curve.space], "marker": SPACE_MARKERS[curve.space], "ms": 3}
         ax.plot(*thinned(curve.points, curve.train), lw=1.7, label=f"{curve.space}, training", **drawn)
         if curve.heldout is not None:
             label = f"{curve.space}, held-out"

@@ -11,6 +11,7 @@ from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.scene import Scene
+from ldsim.reduction.lifting import Lifting
 
 REDUCED = ("linear", "latent")
 
@@ -38,6 +39,11 @@ class FinishedRun:
     def recorded(self) -> dict[str, Recorded]:
         """Every motion of the snapshots by name, in their order."""
         return {name: self.snapshots.recorded(name) for name in self.snapshots.names}
+
+    @cached_property
+    def lifting(self) -> Lifting:
+        """Of every pin that moves in one of the motions; a frame of a reduced run is U q + L a."""
+        return Lifting.of(self.scene, [recorded.motion for recorded in self.recorded.values()])
 
     def runs(self, space: str) -> dict[str, Trajectory]:
         """What was run in a space, in the snapshots' order of motions."""

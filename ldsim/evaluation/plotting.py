@@ -13,6 +13,7 @@ import json
 import re
 from html import escape
 from io import StringIO
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -85,7 +86,7 @@ def plain_number(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-def marked(x: Array) -> dict[str, float]:
+def marked(x: Array) -> dict[str, Any]:
     """How markers sit on a curve over x (N,): small, and about eight."""
     return {"ms": 4, "markevery": max(min(len(x), MAX_POINTS) // 8, 1)}
 
@@ -157,7 +158,7 @@ def _name_parts(figure: Figure) -> None:
     for i, ax in enumerate(figure.axes):
         for line in ax.lines:
             label = str(line.get_label())
-            if line.get_transform() == ax.transData and len(line.get_xydata()) and not label.startswith("_"):
+            if line.get_transform() == ax.transData and np.size(line.get_xydata()) and not label.startswith("_"):
                 line.get_path().should_simplify = False
                 line.set_gid(f"ldsim-curve|{i}|{label}")
         for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):

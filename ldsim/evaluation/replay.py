@@ -125,10 +125,11 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
 def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
-    What the run's basis misses of full space (the reduced films lie in it) is searched by a randomised range finder
-    with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis, with the fields of pins that move, misses of full space (the reduced films lie in it) is
+    searched by a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
-    U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[vertices].reshape(3 * len(vertices), -1)
+    U = np.hstack([run.basis.basis.U, run.lifting.fields])
+    U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
     films = [film for clip in clips for film in clip.films]
     missed = [film.displacements - (film.displacements @ Q) @ Q.T for film in films if film.space == "full"]

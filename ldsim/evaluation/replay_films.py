@@ -67,7 +67,7 @@ def take_clip(run: FinishedRun, motion: str, stride: int, vertices: Indices) -> 
     if all(trajectory.mean_error is not None for trajectory in reduced.values()):
         films.append(_full_film(run, motion, frames, vertices, pulled))
     for space, trajectory in reduced.items():
-        films.append(_reduced_film(run, space, trajectory, frames, vertices, pulled))
+        films.append(_reduced_film(run, motion, space, trajectory, frames, vertices, pulled))
     return Clip(motion, recorded.role, frames, films, drags)
 
 
@@ -90,24 +90,29 @@ def _full_film(
 
 def _reduced_film(
     run: FinishedRun,
+    motion: str,
     space: str,
     trajectory: Trajectory,
     frames: Indices,
     vertices: Indices,
     pulled: Sequence[tuple[Indices, Indices]],
 ) -> Film:
-    """u = U q until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
+    """u = U q + L a until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
     q = trajectory.coordinates
     assert q is not None, "reduced runs keep their coordinates"
-    whole = np.isfinite(q).all(axis=1)
+    whole = np.asarray(np.isfinite(q).all(axis=1))
     if trajectory.max_error is not None:
         whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
     kept = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
-    U = run.basis.basis.U.reshape(-1, 3, run.basis.basis.k)[:, :, : q.shape[1]]
+    U = np.hstack([run.basis.basis.U[:, : q.shape[1]], run.lifting.fields])
+    q = np.hstack([q, run.lifting.coordinates(run.recorded[motion].motion)])
+    U = U.reshape(-1, 3, q.shape[1])
     rows = U[vertices].reshape(-1, q.shape[1])
     grips = []
     for during, held in pulled:
         mean = U[held].mean(axis=0)
         grips.append(run.scene.mesh.vertices[held].mean(axis=0) + q[frames[during[during < len(kept)]]] @ mean.T)
-    errors = (None if error is None else error[kept] for error in (trajectory.mean_error, trajectory.max_error))
-    return Film(space, (q[kept] @ rows.T).astype(np.float32), *errors, grips)
+    mean_error, max_error = (
+        None if error is None else error[kept] for error in (trajectory.mean_error, trajectory.max_error)
+    )
+    return Film(space, (q[kept] @ rows.T).astype(np.float32), mean_error, max_error, grips)

@@ -109,7 +109,8 @@ class Studio:
         q = self._run.reduced_runs(motion)[space].coordinates
         assert q is not None
         u: Array = self._run.basis.basis.U[:, : q.shape[1]] @ q[frame]
-        positions: Array = self._rest + u.reshape(-1, 3) @ self._turn.T
+        lifted = self._run.lifting.displacements(self._run.recorded[motion].motion)(frame, frame + 1)[0]
+        positions: Array = self._rest + (u.reshape(-1, 3) + lifted) @ self._turn.T
         return positions
 
     def _near(self, positions: Array, full: Array) -> bool:

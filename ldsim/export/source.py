@@ -21,6 +21,7 @@ from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import surface_triangles, surface_vertices
 from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.lifting import Lifting
 
 Array = NDArray[np.float64]
 
@@ -37,8 +38,8 @@ class Playback:
         frame_seconds: time between two frames, s; frame i is the state at (i + 1) times it.
         frames: how many there are.
         displacement: frame → u, (n, 3) float64, metres.
-        U: basis of a reduced space, (3n, k); None for the full space.
-        coordinates: q of each frame, (frames, k); None for the full space.
+        U: basis of a reduced space, and beside it the fields of pins that move, (3n, k); None for the full space.
+        coordinates: their coordinates in each frame, (frames, k); None for the full space.
         lost: frames left out at the end because the run diverged there.
     """
 
@@ -215,8 +216,10 @@ class Source:
         frames = len(finite) if finite.all() else int(finite.argmin())
         if frames == 0:
             raise ExportError(f"motion {name!r} diverged in the first frame of the {space} space; nothing to export")
-        q = coordinates[:frames]
-        U = np.ascontiguousarray(self.basis[:, : q.shape[1]])
+        played = self.recorded(name).motion
+        lifting = Lifting.of(self.scene, [played])
+        U = np.hstack([self.basis[:, : coordinates.shape[1]], lifting.fields])
+        q = np.hstack([coordinates[:frames], lifting.coordinates(played)[:frames]])
         h = self.scene.time_step
         return Playback(
             name, space, self.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, len(finite) - frames

@@ -107,20 +107,6 @@ class Motion:
         )
 
 
-def check_pins_stand(motion: Motion) -> None:
-    """Refuse a motion that moves pins, for spaces u = U q in which they cannot.
-
-    Raises:
-        MotionError: naming it and what to do.
-    """
-    if motion.supports:
-        raise MotionError(
-            f"motion {motion.name} moves pins, which the linear and the latent space cannot do; keep it in a "
-            "configuration of its own and run that up to `ldsim snapshot`, in the full space (grabs, gravity and loads "
-            "work in all)"
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Grab:
     """A drag in one frame: ½ k ‖c(u) − target‖² with c the centroid of the held vertices.

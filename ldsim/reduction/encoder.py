@@ -45,7 +45,8 @@ class Encoder:
     @property
     def rest(self) -> Array:
         """E(0), (r,); there must be weights."""
-        return self._perceptron(np.zeros((1, len(self.weights[0]))))[0]
+        rest: Array = self._perceptron(np.zeros((1, len(self.weights[0]))))[0]
+        return rest
 
     def _perceptron(self, x: Array) -> Array:
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):

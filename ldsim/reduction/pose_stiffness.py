@@ -24,7 +24,13 @@ def spread_frames(total: int, count: int) -> NDArray[np.int64]:
 
 
 def pose_forces(
-    scene: Scene, U: Array, q: Array, chunks: Chunks, frames: NDArray[np.int64], progress: Callable[[], object]
+    scene: Scene,
+    U: Array,
+    q: Array,
+    chunks: Chunks,
+    frames: NDArray[np.int64],
+    progress: Callable[[], object],
+    lifted: Callable[[int], Array] | None = None,
 ) -> Forces:
     """K̃ and the force that projection adds at some of the training snapshots.
 
@@ -32,9 +38,11 @@ def pose_forces(
     out over the cores.
 
     Args:
-        U: basis, (3n, k). q: coordinates of all snapshots, (N, k). chunks: their displacements, in the same order.
+        U: basis, (3n, k). q: coordinates of all snapshots, (N, k). chunks: their displacements, in the same order,
+            without what moving pins prescribe.
         frames: which snapshots, (p,) rising.
         progress: called after each of them.
+        lifted: what moving pins prescribe in snapshot t, (3n,), metres; None where all stand still.
     """
     n, k = scene.mesh.n_vertices, U.shape[1]
     elements = scene.elements
@@ -43,13 +51,15 @@ def pose_forces(
 
     stiffness, excess = np.empty((len(frames), k, k)), np.empty((len(frames), k))
 
-    def evaluate(number: int, u: Array) -> None:
+    def evaluate(number: int, left: Array) -> None:
+        given = np.zeros((n, 3)) if lifted is None else lifted(int(frames[number])).reshape(n, 3)
+        u, projected = given + left, given + (U @ q[frames[number]]).reshape(n, 3)
         stiffness[number] = free.T @ (pattern.matrix(pattern.stiffness_blocks(elements, u, clamp=True)) @ free)
         added = np.zeros((n, 3))
         add_elastic_gradient(elements, u, added)
         np.negative(added, out=added)
         # A projection that inverts a point has no force; what was added before it stops counts for nothing then.
-        inverted = not np.isfinite(add_elastic_gradient(elements, (U @ q[frames[number]]).reshape(n, 3), added))
+        inverted = not np.isfinite(add_elastic_gradient(elements, projected, added))
         excess[number] = 0.0 if inverted else U.T @ added.ravel()
 
     start = 0

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from ldsim.cli.main import main
 from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, change, refusal, refused
 from tests.cli.spoiled import ARTEFACTS
-from tests.helpers import full_disk
+from tests.helpers import full_disk, little_memory
 
 every_command = pytest.mark.parametrize("command", COMMANDS)
 
@@ -111,6 +111,26 @@ def test_a_folder_that_cannot_be_made(experiment: Experiment) -> None:
     assert "cannot write " in refused(result)
     result = CliRunner().invoke(main, ["settings", str(experiment.config), "--stamps", str(in_the_way / "stamps")])
     assert "cannot write " in refused(result)
+
+
+# Memory
+
+
+def test_a_mesh_that_does_not_fit_in_memory(experiment: Experiment) -> None:
+    experiment.change("mesh.shape.resolution", 56)
+    with little_memory(2**28):
+        message = refusal(experiment, "mesh")
+    assert message.startswith("ldsim mesh ran out of memory (Unable to allocate")
+    assert "use a coarser mesh" in message
+
+
+@every_command
+def test_any_allocation_that_fails(experiment: Experiment, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("ldsim.cli.stage.load_settings", fail)
+    assert refusal(experiment, command).startswith(f"ldsim {command} ran out of memory (allocation failed)")
 
 
 # info

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import h5py
-import numpy as np
 import pytest
 
 from tests.cli.experiments import TINY, Experiment, refusal
@@ -74,18 +72,6 @@ def test_a_bad_motion(experiment: Experiment, case: str) -> None:
         text = experiment.folder / "a.csv"
         text.write_text(text.read_text().replace("grab_radius_m: 0.03", "grab_radius_m: 0.001"))
     assert words in refusal(experiment, "snapshot")
-
-
-@pytest.mark.parametrize("command", ["pca", "simulate"])
-def test_pins_that_move_are_refused_in_the_reduced_spaces(experiment: Experiment, command: str) -> None:
-    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
-        group = file["motions/a"]
-        group["support_maps"] = np.tile(np.eye(3, 4), (1, int(group.attrs["frames"]), 1, 1))
-        group["support_vertices"], group["support_count"] = np.array([0]), np.array([1])
-    if command == "pca":
-        assert "motion a moves pins, which the linear and the latent space cannot do" in refusal(experiment, command)
-    else:  # it is another file than the model was made from, which is said first
-        assert "was made from another snapshots" in refusal(experiment, command)
 
 
 def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:

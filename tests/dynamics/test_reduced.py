@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.potential import IncrementalPotential
 from ldsim.dynamics.reduced import Method
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
-from ldsim.dynamics.reduced_potential import value_gradient
-from ldsim.mechanics.motion import Conditions, Grab
+from ldsim.dynamics.reduced_model import Prescribed, ReducedState, ReducedStepper
+from ldsim.dynamics.reduced_potential import current_tangent, value_gradient
+from ldsim.mechanics.motion import Conditions, Grab, GrabTracker, Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import inner_product, orthonormalised
 from ldsim.solvers.solution import Reason
 from tests.helpers import derivative_order, scene
@@ -101,6 +102,43 @@ def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
         whole, _ = full.step(whole, [], Conditions(gravity))
         np.testing.assert_allclose(linear.displacement(state), whole.u, atol=1e-8)
     assert np.abs(whole.u).max() > 1e-3
+
+
+def shaken(body: Scene, frames: int) -> Motion:
+    """All pins carried and turned along a crooked path."""
+    rng = np.random.default_rng(5)
+    maps = np.eye(3, 4) + np.cumsum(rng.normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003], axis=0)
+    return Motion("shaken", frames, supports=(Support(np.flatnonzero(body.pinned), maps),))
+
+
+@pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
+def test_pins_that_move_are_followed_as_in_the_full_space(body: Scene) -> None:
+    U, motion = full_basis(body), shaken(body, 6)
+    lifting = Lifting.of(body, [motion])
+    linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, lifting=lifting)
+    tracker, a = GrabTracker(motion, body.mesh.vertices, body.movable), lifting.coordinates(motion)
+    state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
+    full = FullStepper(body, tolerance=1e-9)
+    for frame in range(6):
+        grabs, prescribed = pull(body) if frame > 1 else [], Prescribed.of(a, frame)
+        state, solution = linear.step(state, grabs, None, prescribed)
+        assert solution.reason == Reason.CONVERGED
+        whole, _ = full.step(whole, grabs, tracker.conditions(frame))
+        np.testing.assert_allclose(linear.displacement(state, prescribed), whole.u, atol=1e-8)
+    assert np.abs(whole.u[body.pinned]).max() > 0.005
+
+
+def test_the_tangent_under_moving_pins_is_that_of_a_basis_that_holds_their_displacement() -> None:
+    U, motion = some_basis(TET, 6), shaken(TET, 1)
+    lifting = Lifting.of(TET, [motion])
+    a, q = lifting.coordinates(motion)[0], np.linspace(-0.01, 0.01, 6)
+    lifted = stepper(TET, U, Decoder.identity(6), lifting=lifting)
+    lifted.step(ReducedState.at_rest(lifted.decoder), [], None, Prescribed(a, 0 * a))
+    both = stepper(TET, np.hstack([U, lifting.fields]), Decoder.identity(6 + lifting.count))
+    for some, coordinates in ((lifted, q), (both, np.concatenate([q, a]))):
+        some._work.q[:] = coordinates
+        current_tangent(some._model, some._work)
+    np.testing.assert_allclose(lifted._work.hessian, both._work.hessian[:6, :6], rtol=1e-9, atol=1e-9)
 
 
 def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> None:

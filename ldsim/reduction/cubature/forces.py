@@ -59,15 +59,16 @@ class Closure:
 
 
 class ProjectedForces:
-    """The normalised reduced forces of T poses u_t = U φ(z_t): their target, and each point's share of it.
+    """The normalised reduced forces of T poses u_t = U [φ(z_t); a_t]: their target, and each point's share of it.
 
     Each pose is divided by max(‖f_t‖, floor · median ‖f‖), so that neither the most strained poses nor those near rest
     decide alone. Poses of infinite energy are left out.
 
     Args:
         scene: the solid.
-        U: basis, (3n, k) float64.
+        U: basis, (3n, k) float64; with `given`, the fields L of moving pins beside it, (3n, k + l).
         decoder: φ: R^r → R^k; `Decoder.identity(k)` for the linear space.
+        given: a_t, what moving pins prescribe in every pose, (T, l); forces on L count for nothing.
         z: coordinates of the poses, (T, r) float64.
         metric: W (r, r): forces are measured as ‖Wᵀ Jᵀ Uᵀ f‖ (`metric.rest_compliance`); None for ‖Jᵀ Uᵀ f‖.
         closure: aims at the forces of true poses, in part or wholly; None for those of the decoded ones.
@@ -87,6 +88,7 @@ class ProjectedForces:
         decoder: Decoder,
         z: Array,
         *,
+        given: Array | None = None,
         metric: Array | None = None,
         closure: Closure | None = None,
         candidates: Indices | None = None,
@@ -98,8 +100,9 @@ class ProjectedForces:
         self._U = np.ascontiguousarray(U, dtype=np.float64)
         self._memory, self._threads, self._candidates = memory, threads, candidates
         z = np.ascontiguousarray(z, dtype=np.float64)
-        _check_shapes(scene, self._U, decoder, z, floor)
-        q = decoder(z)
+        given = np.empty((len(z), 0)) if given is None else given
+        _check_shapes(scene, self._U, decoder, z, given, floor)
+        q = np.hstack([decoder(z), given])
         forces, finite = self._total_forces(lambda t: self._U @ q[t], len(q))
         if closure is not None:
             aimed, possible = self._total_forces(_checked(closure, scene.mesh.n_vertices), min(closure.poses, len(q)))
@@ -114,6 +117,7 @@ class ProjectedForces:
         self.dropped = len(z) - len(self.kept)
         self._q = q[finite]
         self._jacobians = np.stack([decoder.jacobian(row) for row in z[finite]])
+        self._jacobians = np.pad(self._jacobians, [(0, 0), (0, given.shape[1]), (0, 0)])
         if metric is not None:
             self._jacobians = self._jacobians @ metric
         reduced = np.einsum("tkr,tk->tr", self._jacobians, forces[finite])
@@ -266,10 +270,10 @@ def _unit_force(elements: Elements) -> float:
     return float(np.linalg.norm(np.bincount(elements.nodes.ravel(), shares.ravel())))
 
 
-def _check_shapes(scene: Scene, U: Array, decoder: Decoder, z: Array, floor: float) -> None:
-    rows = 3 * scene.mesh.n_vertices
-    if U.shape != (rows, decoder.k):
-        raise SolverError(f"cubature: basis has shape {U.shape}; this mesh and decoder need ({rows}, {decoder.k})")
+def _check_shapes(scene: Scene, U: Array, decoder: Decoder, z: Array, given: Array, floor: float) -> None:
+    rows, columns = 3 * scene.mesh.n_vertices, decoder.k + given.shape[1]
+    if U.shape != (rows, columns):
+        raise SolverError(f"cubature: basis has shape {U.shape}; this mesh and decoder need ({rows}, {columns})")
     if z.ndim != 2 or z.shape[1] != decoder.r or len(z) == 0:
         raise SolverError(f"cubature: poses have shape {z.shape}; expected (T, {decoder.r}) with T > 0")
     if not 0 < floor <= 1:

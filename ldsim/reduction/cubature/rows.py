@@ -98,19 +98,27 @@ class ForceChanges:
 
 
 class Energies:
-    """The elastic energies of poses u_t = U φ(z_t), each divided by max(V_t, floor · median V).
+    """The elastic energies of poses u_t = U [φ(z_t); a_t], each divided by max(V_t, floor · median V).
 
     Args:
+        given: a_t, as for `ProjectedForces`.
         candidates: the points that `correlations` looks at, (c,); None for all.
     """
 
     def __init__(
-        self, scene: Scene, U: Array, decoder: Decoder, z: Array, candidates: Indices | None = None, threads: int = 1
+        self,
+        scene: Scene,
+        U: Array,
+        decoder: Decoder,
+        z: Array,
+        candidates: Indices | None = None,
+        threads: int = 1,
+        given: Array | None = None,
     ) -> None:
         self._elements: Elements = scene.elements
         self._U, self._threads = U, threads
         self._part = Part.of(scene.elements, U, np.arange(self.n_points) if candidates is None else candidates)
-        q = decoder(z)
+        q = decoder(z) if given is None else np.hstack([decoder(z), given])
         energies = np.array(
             list(in_threads(lambda row: elastic_energy(scene.elements, (U @ row).reshape(-1, 3)), q, threads))
         )

@@ -61,8 +61,10 @@ class PoseSpace:
     """A space with the coordinates of all training poses.
 
     Attributes:
-        U: basis, (3n, k). stiffness: K̃₀ = UᵀK₀U, (k, k). z: coordinates of the poses, (N, r).
+        U: basis, (3n, k), and beside it the fields of moving pins, (3n, k + l). stiffness: K̃₀ = UᵀK₀U, (k, k).
+        z: coordinates of the poses, (N, r).
         displacement: the true displacement of pose t of them, (n, 3), metres; only read for a closure.
+        given: what moving pins prescribe in the poses, (N, l); None where all stand still.
     """
 
     scene: Scene
@@ -71,6 +73,10 @@ class PoseSpace:
     stiffness: Array
     z: Array
     displacement: Callable[[int], NDArray[np.floating]]
+    given: Array | None = None
+
+    def given_in(self, poses: Indices) -> Array | None:
+        return None if self.given is None else self.given[poses]
 
     def in_basis(self) -> PoseSpace:
         """The same poses in the linear space of all of U."""
@@ -110,8 +116,9 @@ def select(
     A closure aims at the true poses where they are known: on held-out poses too, but not on perturbed ones.
     """
     found = _fit(space if recipe.latent else space.in_basis(), fitted, recipe, progress)
-    heldout = _forces(space, space.z[kept_back], recipe, _closure(space, kept_back, recipe))
-    perturbed = _forces(space, perturb(space.z, kept_back, recipe.perturbation, (recipe.goal.seed, JUDGED)), recipe)
+    heldout = _forces(space, space.z[kept_back], kept_back, recipe, _closure(space, kept_back, recipe))
+    moved = perturb(space.z, kept_back, recipe.perturbation, (recipe.goal.seed, JUDGED))
+    perturbed = _forces(space, moved, kept_back, recipe)
     return Selection(found, relative_errors(heldout, found.ladder), relative_errors(perturbed, found.ladder))
 
 
@@ -126,15 +133,18 @@ def _fit(space: PoseSpace, fitted: Indices, recipe: Recipe, progress: Progress |
     z, seed = space.z[fitted], recipe.goal.seed
     extra = np.random.default_rng((seed, PERTURBED)).permutation(fitted)[: round(recipe.perturbed * len(fitted))]
     every = np.concatenate([z, perturb(space.z, extra, recipe.perturbation, (seed, PERTURBED))])
+    poses = np.concatenate([fitted, extra])
     candidates = _candidates(space.scene.points.n_points, recipe)
-    forces = _forces(space, every, recipe, _closure(space, fitted, recipe), candidates)
+    forces = _forces(space, every, poses, recipe, _closure(space, fitted, recipe), candidates)
     others: list[tuple[Rows, float]] = []
     if recipe.tangent:
         steps = perturb(space.z, fitted, TANGENT_STEP, (seed, TANGENTS)) - z
-        both = _forces(space, np.concatenate([z + steps, z - steps]), recipe, None, candidates)
+        ahead_and_behind = np.concatenate([z + steps, z - steps])
+        both = _forces(space, ahead_and_behind, np.tile(fitted, 2), recipe, None, candidates)
         others.append((ForceChanges(both, len(z)), recipe.tangent))
     if recipe.energy:
-        energies = Energies(space.scene, space.U, space.decoder, every, candidates, recipe.threads)
+        given = space.given_in(poses)
+        energies = Energies(space.scene, space.U, space.decoder, every, candidates, recipe.threads, given)
         others.append((energies, recipe.energy))
     return fit(forces, recipe.goal, recipe.method, others=tuple(others), candidates=candidates, progress=progress)
 
@@ -153,13 +163,20 @@ def _candidates(points: int, recipe: Recipe) -> Indices | None:
 
 
 def _forces(
-    space: PoseSpace, z: Array, recipe: Recipe, closure: Closure | None = None, candidates: Indices | None = None
+    space: PoseSpace,
+    z: Array,
+    poses: Indices,
+    recipe: Recipe,
+    closure: Closure | None = None,
+    candidates: Indices | None = None,
 ) -> ProjectedForces:
+    """The forces at coordinates z, (T, r), with the pins as in some poses, (T,)."""
     return ProjectedForces(
         space.scene,
         space.U,
         space.decoder,
         z,
+        given=space.given_in(poses),
         metric=rest_compliance(space.stiffness, space.decoder, space.z) if recipe.compliance else None,
         closure=closure,
         candidates=candidates,
