@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full import FullState, FullStepper
 from ldsim.dynamics.potential import IncrementalPotential
+from ldsim.dynamics.preconditioner import grab_rows
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import Prescribed, ReducedState, ReducedStepper
-from ldsim.dynamics.reduced_potential import current_tangent, value_gradient
+from ldsim.dynamics.reduced_potential import add_spring_metric, current_tangent, rest_metric, value_gradient
 from ldsim.mechanics.motion import Conditions, Grab, GrabTracker, Motion, Support
 from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.lifting import Lifting
@@ -200,6 +202,28 @@ def test_the_gradient_is_the_derivative_of_the_potential() -> None:
         return float(gradient @ d)
 
     assert derivative_order(value, slope, z, d) > 1.9
+
+
+@pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
+def test_the_preconditioners_are_the_full_spaces_stiffness_at_rest_and_now_seen_through_the_decoder(
+    decoder: Decoder,
+) -> None:
+    U, some = some_basis(TET, 6), stepper(TET, some_basis(TET, 6), decoder)
+    z = 0.3 * np.random.default_rng(5).normal(size=decoder.r)
+    J, work = decoder.jacobian(z), some._work
+    work.q[:], work.jacobian[:] = decoder(z), J.T
+    u = (U @ work.q).reshape(-1, 3)
+    pattern = StiffnessPattern(TET.points.nodes, np.arange(TET.mesh.n_vertices), TET.mesh.n_vertices)
+    inertia = some.mass / TET.time_step**2
+    for tangent, at in ((rest_metric, 0 * u), (current_tangent, u)):
+        K = pattern.matrix(pattern.stiffness_blocks(TET.elements, at, clamp=True))
+        expected = J.T @ (inertia + U.T @ (K @ U)) @ J
+        tangent(some._model, work)
+        np.testing.assert_allclose(work.hessian, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    before, grabs = work.hessian.copy(), pull(TET)
+    add_spring_metric(some.springs(grabs), some._model, work)
+    rows = grab_rows(grabs, TET.mesh.n_vertices) @ U @ J
+    np.testing.assert_allclose(work.hessian - before, rows.T @ rows, rtol=0, atol=1e-9 * np.abs(before).max())
 
 
 def test_a_step_depends_on_its_state_alone() -> None:

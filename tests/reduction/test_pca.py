@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ldsim.errors import SolverError
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product, weighted
+from ldsim.reduction.reconstruction import matching_dimension
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -147,3 +148,10 @@ def test_snapshots_that_are_all_the_same_have_one_mode_and_no_second() -> None:
     assert fit_basis(streamed(rows, 16), metric, Rule(1)).max_error[-1] < 1e-6
     with pytest.raises(SolverError, match="k = 2 but only 1 of 30 training snapshots are independent"):
         fit_basis(streamed(rows, 16), metric, Rule(2))
+
+
+@pytest.mark.parametrize(("target", "dimension"), [(100.0, 1), (4.9, 1), (2.9, 2), (2.4, 3), (0.0, 4)])
+def test_the_matching_dimension_is_the_one_with_the_nearest_error_and_at_least_one(
+    target: float, dimension: int
+) -> None:
+    assert matching_dimension(np.array([9.0, 5.0, 3.0, 2.0, 1.0]), target) == dimension

@@ -41,7 +41,7 @@ BAD = {
     "a number for a flag": '{"kind": "pause", "value": 1}',
     "not finite": '{"kind": "speed", "value": NaN}',
     "infinite": '{"kind": "gravity", "value": [0, -Infinity, 0]}',
-    "immense": '{"kind": "gravity", "value": [0, -1e300, 0]}',
+    "immense": '{"kind": "gravity", "value": [0, -1000001, 0]}',
     "too few numbers": '{"kind": "gravity", "value": [0, 1]}',
     "a negative id": '{"kind": "release", "id": -1}',
     "a fractional id": '{"kind": "release", "id": 1.5}',
