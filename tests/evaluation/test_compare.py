@@ -145,7 +145,7 @@ def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
     coloured = "|".join(SPACE_COLOURS.values())
     marks = {name: len(re.findall(f"<use [^>]*(?:{coloured})", svg)) for name, svg in drawn.items()}
     assert marks == {"error_against_time": 2 * 3 + 3, "online_errors": 2 * 3 + 3, "step_times": 2 * 3 + 3}
-    assert all(svg.count('class="curve"') == 3 for svg in drawn.values())
+    assert all(svg.count('class="ldsim-curve"') == 3 for svg in drawn.values())
 
 
 def test_runs_that_simulated_nothing_have_a_page_without_figures():
