@@ -146,6 +146,8 @@ def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
     marks = {name: len(re.findall(f"<use [^>]*(?:{coloured})", svg)) for name, svg in drawn.items()}
     assert marks == {"error_against_time": 2 * 3 + 3, "online_errors": 2 * 3 + 3, "step_times": 2 * 3 + 3}
     assert all(svg.count('class="ldsim-curve"') == 3 for svg in drawn.values())
+    hollow = {name: svg.count("fill-opacity: 0; stroke: #d55e00") for name, svg in drawn.items()}
+    assert hollow == {"error_against_time": 2 + 1, "online_errors": 2 + 1, "step_times": 0}  # training, latent
 
 
 def test_runs_that_simulated_nothing_have_a_page_without_figures():
