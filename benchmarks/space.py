@@ -16,19 +16,17 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from results_file import write_results
 from space_parts import Row, Solid, measure_pca, measure_space, opened, row
 
 from ldsim.artefacts.store import file_hash
-from ldsim.evaluation.machine import describe_machine
 from ldsim.evaluation.plotting import LATENT, LINEAR, new_axes, to_svg
 from ldsim.threads import one_thread
 
 HERE = Path(__file__).parent
-RESULTS = HERE / "results"
 PICTURES = HERE.parent / "docs" / "pictures"
 DIMENSIONS = (10, 15, 20, 25, 30, 35, 40, 50, 60)
 QUICK = (10, 25, 40)
@@ -150,17 +148,9 @@ def main() -> None:
             found = kept(given.kept / name, lambda: measure_pca(given.quick))
             show(found)
             rows += found
-    described = describe_machine()
-    content = {
-        "machine": {key: value for key, value in described.items() if key != "versions"},
-        "versions": described["versions"],
-        "command": "python benchmarks/space.py " + " ".join(sys.argv[1:]),
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "rows": rows,
-    }
-    target = RESULTS / ("space_quick.json" if given.quick else "space.json")
-    target.parent.mkdir(exist_ok=True)
-    target.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_results(
+        "space_quick" if given.quick else "space", "python benchmarks/space.py " + " ".join(sys.argv[1:]), rows
+    )
     if not given.quick:
         for folder in given.runs:
             (PICTURES / f"space_{folder.name}.svg").write_text(picture(rows, folder.name) + "\n", encoding="utf-8")
