@@ -111,5 +111,5 @@ background:var(--card);border:1px solid var(--soft);border-radius:3px;cursor:poi
 @media print{:root{--paper:#fff;--ink:#000;--soft:#444;--line:#bbb;--card:#f2f2f2;--alarm:#a8321a;--alarm-card:#fff}
 .replay{display:none}.told,.dot,.whole{display:none!important}
 main{max-width:none;padding:0}section{margin-top:1.6rem}.plot,figure,tr{break-inside:avoid}h2{break-after:avoid}
-.scroll{overflow:visible}.picture img{min-width:0}table{font-size:.7rem}th,td{padding:.3rem .35rem}}
+.scroll{overflow:visible}.picture img{min-width:0}table,thead th{font-size:.66rem}th,td{padding:.3rem .25rem}}
 """
