@@ -62,6 +62,21 @@ def normalised(shares: Array, floor: float) -> Array:
     return scaled.reshape(-1, shares.shape[2])
 
 
+@pytest.mark.parametrize("memory", [0, 2**30])
+def test_what_moving_pins_prescribe_is_in_the_poses_and_no_force_on_it_counts(memory: int) -> None:
+    case, rng = problem("latent tet4"), np.random.default_rng(6)
+    fields = np.tile(case.scene.mesh.vertices, (1, 2)).reshape(-1, 3, 2) @ rng.normal(size=(2, 5))
+    L, a = fields.reshape(len(case.U), 5), 0.03 * rng.normal(size=(len(case.z), 5))
+    forces = ProjectedForces(case.scene, np.hstack([case.U, L]), case.decoder, case.z, given=a, memory=memory)
+    dense = normalised(dense_shares(case, case.decoder(case.z) @ case.U.T + a @ L.T), 0.05)
+    residual, points = rng.standard_normal(len(dense)), np.arange(0, forces.n_points, 3)
+    assert np.abs(forces.columns(points) - dense[:, points]).max() < 1e-6 * np.abs(dense).max()
+    assert np.abs(forces.target - dense.sum(axis=1)).max() < 1e-6
+    correlations = dense.T @ residual
+    assert np.abs(forces.correlations(residual) - correlations).max() < 1e-6 * np.abs(correlations).max()
+    assert np.abs(forces.target - forces_of(case).target).max() > 1e-2
+
+
 @pytest.mark.parametrize("floor", [0.05, 1.0])
 def test_columns_target_and_correlations_agree_with_differenced_energies(case: Problem, floor: float) -> None:
     forces = forces_of(case, floor=floor)
