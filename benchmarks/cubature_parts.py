@@ -240,7 +240,7 @@ def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
         recipe = Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"])
         select(model.space, chosen, kept_back, recipe)
         seconds = time.perf_counter() - started
-        limit = f"<= {300 if large else 60}" if most == 100 else None
+        limit = f"<= {300 if large else 60}" if most == min(effort.most) else None
         rows.append(row(model.name, f"cubature, at most {most} points", seconds, "s", limit))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 2**30
     return [*rows, row(model.name, "peak memory", memory, "GiB", "<= 12" if large else None)]
