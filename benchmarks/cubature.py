@@ -13,14 +13,13 @@ import argparse
 import json
 import multiprocessing
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from cubature_models import SIZES, SOURCES, model, prepared
-from cubature_parts import PARTS, QUICK, Effort, Fitted, Row, row
+from cubature_parts import PARTS, QUICK, Effort, Fitted
+from results_file import Row, row, write_results
 
-from ldsim.evaluation.machine import describe_machine
 from ldsim.evaluation.plotting import GREEN, LATENT, LINEAR, new_axes, to_svg
 from ldsim.reduction.cubature.fit import METHODS
 from ldsim.threads import one_thread
@@ -29,7 +28,6 @@ HERE = Path(__file__).parent
 # The poses of the dragon are carried over from a coarser mesh, so that one is stepped.
 STEPPED = [*(name for name in SOURCES if name != "dragon"), "dragon_56822"]
 MODELS = {"quality": [*SOURCES], "methods": ["x"], "online": STEPPED, "scaling": [*SOURCES, *SIZES]}
-RESULTS = HERE / "results" / "cubature.json"
 PICTURES = HERE.parent / "docs" / "pictures"
 
 
@@ -96,15 +94,7 @@ def collect(made: Path) -> None:
     files = [made / "parts" / f"{name}-{part}.json" for name, part in names]
     rows: list[Row] = [r for file in files if file.exists() for r in json.loads(file.read_text(encoding="utf-8"))]
     rows += growth(rows)
-    described = describe_machine()
-    content = {
-        "machine": {key: value for key, value in described.items() if key != "versions"},
-        "versions": described["versions"],
-        "command": "python benchmarks/cubature.py",
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "rows": rows,
-    }
-    RESULTS.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_results("cubature", "python benchmarks/cubature.py", rows)
     for name in {r["model"] for r in rows if r["quantity"].startswith("error, held-out poses, ")}:
         (PICTURES / f"cubature_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 

@@ -15,6 +15,7 @@ import numpy as np
 from cubature_models import Model
 from every_element import EveryElement, run
 from numpy.typing import NDArray
+from results_file import Row, row
 
 from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.evaluation.comparison import run_reduced, with_errors
@@ -26,7 +27,6 @@ from ldsim.reduction.cubature.metric import rest_compliance
 from ldsim.reduction.cubature.rows import FLOOR
 from ldsim.reduction.cubature.selection import Recipe, perturb, select, split_poses
 
-Row = dict[str, Any]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -69,10 +69,6 @@ FITS: dict[str, dict[str, Any]] = {
 }
 STEPPED_FITS = tuple(FITS)
 FITS |= {f"method {method}": {"method": method, "compliance": False} for method in METHODS}
-
-
-def row(model: str, quantity: str, value: float | None, unit: str = "", goal: str | None = None) -> Row:
-    return {"model": model, "quantity": quantity, "value": value, "unit": unit, "goal": goal}
 
 
 def poses(model: Model, effort: Effort) -> tuple[Indices, Indices]:
@@ -240,7 +236,7 @@ def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
         recipe = Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"])
         select(model.space, chosen, kept_back, recipe)
         seconds = time.perf_counter() - started
-        limit = f"<= {300 if large else 60}" if most == 100 else None
+        limit = f"<= {300 if large else 60}" if most == min(effort.most) else None
         rows.append(row(model.name, f"cubature, at most {most} points", seconds, "s", limit))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 2**30
     return [*rows, row(model.name, "peak memory", memory, "GiB", "<= 12" if large else None)]
