@@ -99,7 +99,7 @@ class CubatureSettings(Section):
     norm: Literal["compliance", "force"] = Field(
         "compliance", description="Forces measured by the displacement energy they cause at rest, or by their size."
     )
-    tolerance: float = Field(0.045, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+    tolerance: float = Field(0.035, gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
     max_points: int = Field(150, ge=1, description="Most points of the latent set.")
     linear_max_points: int = Field(500, ge=1, description="Most points of the linear set.")
     poses: int = Field(400, ge=1, description="Poses of the training motions to fit.")

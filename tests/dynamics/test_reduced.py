@@ -130,6 +130,22 @@ def test_pins_that_move_are_followed_as_in_the_full_space(body: Scene) -> None:
     assert np.abs(whole.u[body.pinned]).max() > 0.005
 
 
+def test_a_latent_space_that_is_linear_follows_moving_pins_as_the_linear_one() -> None:
+    U, motion = some_basis(TET, 6), shaken(TET, 6)
+    lifting = Lifting.of(TET, [motion])
+    flat = Decoder.network([np.zeros((6, 3)), np.zeros((3, 6))], [np.ones(3), np.ones(6)], "elu", np.eye(6))
+    ends = []
+    for decoder in (Decoder.identity(6), flat):
+        some = stepper(TET, U, decoder, tolerance=1e-10, lifting=lifting)
+        a, state = lifting.coordinates(motion), ReducedState.at_rest(decoder)
+        for frame in range(6):
+            state, solution = some.step(state, pull(TET), None, Prescribed.of(a, frame))
+            assert solution.reason == Reason.CONVERGED
+        ends.append(state.q)
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-9)
+    assert np.abs(ends[0]).max() > 1e-3
+
+
 def test_the_tangent_under_moving_pins_is_that_of_a_basis_that_holds_their_displacement() -> None:
     U, motion = some_basis(TET, 6), shaken(TET, 1)
     lifting = Lifting.of(TET, [motion])

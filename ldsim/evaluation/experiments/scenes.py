@@ -48,7 +48,7 @@ def _slab(axis: str, thickness: float, at: str = "min") -> dict[str, Any]:
     return {"slab": {"axis": axis, "at": at, "thickness": thickness}}
 
 
-CLOSURE = {"closure": 0.3}
+LONG_TRAINING = {"epochs": 600, "learning_rate": 0.02}
 QUICK_TRAINING = {"epochs": 400, "batch": 64, "patience": 400}
 QUICK_CUBATURE = {"poses": 120, "heldout_poses": 40}
 
@@ -57,7 +57,8 @@ def cross(quick: bool) -> Configuration:
     """The X of the paper, or a procedural one."""
     if not quick:
         mesh = _solid(6e4, _slab("y", 0.001), file=f"{MESHES}x_29686.mesh")
-        return _configuration("x", mesh, [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 10}, 60, CLOSURE)
+        motions, training = [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 10} | LONG_TRAINING
+        return _configuration("x", mesh, motions, training, 60, {"tolerance": 0.03})
     mesh = _solid(4e4, _slab("y", 0.001), shape={"name": "cross", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="heldout")]
     return _configuration("paper-cross", mesh, motions, {"r": 6} | QUICK_TRAINING, 19, QUICK_CUBATURE)
@@ -69,7 +70,7 @@ def bar(quick: bool, youngs_modulus: float = 1e5) -> Configuration:
     if not quick:
         mesh = _solid(youngs_modulus, _slab("x", 0.021), file=f"{MESHES}beam_45151.mesh")
         pulls = _pulls("pulls", 4, 1, 0.1, role="heldout", stiffness=30, radius=0.03, frames=40, rest=40)
-        return _configuration(f"beam{suffix}", mesh, [_recorded("beam"), pulls], {"r": 10}, 60, CLOSURE)
+        return _configuration(f"beam{suffix}", mesh, [_recorded("beam"), pulls], {"r": 10}, 60)
     mesh = _solid(youngs_modulus, _slab("x", 0.001), shape={"name": "beam", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.12), _pulls("pulls_2", 1, 2, 0.12, role="heldout")]
     return _configuration(f"paper-bar{suffix}", mesh, motions, {"r": 5} | QUICK_TRAINING, 20, QUICK_CUBATURE)
