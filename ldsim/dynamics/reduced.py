@@ -10,16 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced_potential import (
-    Reduced,
-    Springs,
-    Work,
-    add_spring_metric,
-    current_tangent,
-    inner,
-    rest_metric,
-    value_gradient,
-)
+from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, inner, value_gradient
+from ldsim.dynamics.reduced_tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.reduction.decoder import decode, decode_jacobian
 from ldsim.solvers.lbfgs import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
 from ldsim.solvers.solution import Reason

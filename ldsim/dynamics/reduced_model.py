@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.advance import advance, model_reference, springs_reference
 from ldsim.dynamics.reduced import Method, Options
-from ldsim.dynamics.reduced_potential import Reduced, Springs, Work
+from ldsim.dynamics.reduced_potential import Reduced, Springs, make_work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -21,7 +21,6 @@ from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
 
-WINDOW = 8
 # Iterations that making the current tangent costs, and after which a step gives its preconditioner up. BFGS mends its
 # preconditioner by itself.
 RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 15, Method.NEWTON: 0}
@@ -281,29 +280,3 @@ def _diagonal(matrix: Array) -> Array:
     diagonal = np.diagonal(matrix)
     rest = np.abs(matrix - np.diag(diagonal)).max()
     return np.ascontiguousarray(diagonal[None]) if rest <= 1e-13 * diagonal.min() else matrix
-
-
-def make_work(decoder: Decoder) -> Work:
-    """Scratch memory for a decoder."""
-    r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
-    return Work(
-        hidden=np.zeros(hidden),
-        scratch=np.zeros(hidden),
-        q=np.zeros(k),
-        offset=np.zeros(k),
-        force=np.zeros(k),
-        g=np.zeros(r),
-        g_new=np.zeros(r),
-        d=np.zeros(r),
-        z_new=np.zeros(r),
-        jacobian=np.zeros((r, k)),
-        product=np.zeros((r, k)),
-        hessian=np.zeros((r, r)),
-        directions=np.zeros((9, r)),
-        stressed=np.zeros((9, r)),
-        S=np.zeros((WINDOW, r)),
-        Y=np.zeros((WINDOW, r)),
-        rho=np.zeros(WINDOW),
-        alpha=np.zeros(WINDOW),
-        Hy=np.zeros(r),
-    )

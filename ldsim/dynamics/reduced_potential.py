@@ -1,4 +1,4 @@
-"""The incremental potential of a reduced space and its tangents, compiled: serial and without allocation.
+"""The incremental potential of a reduced space, compiled: serial and without allocation.
 
 One code path for the linear and the latent space: the linear space is the latent one with the identity decoder.
 
@@ -17,11 +17,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import energy_stress, tangent
-from ldsim.mechanics.materials.tensors import Matrix, Symmetric
-from ldsim.reduction.decoder import REASSOCIATE, Layers, decode, decode_vjp
+from ldsim.mechanics.materials import energy_stress
+from ldsim.mechanics.materials.tensors import Matrix
+from ldsim.reduction.decoder import REASSOCIATE, Decoder, Layers, decode, decode_vjp
 
 Array = NDArray[np.float64]
+
+# Pairs that L-BFGS remembers (paper, Sec. 5.2).
+WINDOW = 8
 
 
 class Reduced(NamedTuple):
@@ -77,6 +80,32 @@ class Work(NamedTuple):
     Hy: Array
 
 
+def make_work(decoder: Decoder) -> Work:
+    """Scratch memory for one instance of a decoder."""
+    r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
+    return Work(
+        hidden=np.zeros(hidden),
+        scratch=np.zeros(hidden),
+        q=np.zeros(k),
+        offset=np.zeros(k),
+        force=np.zeros(k),
+        g=np.zeros(r),
+        g_new=np.zeros(r),
+        d=np.zeros(r),
+        z_new=np.zeros(r),
+        jacobian=np.zeros((r, k)),
+        product=np.zeros((r, k)),
+        hessian=np.zeros((r, r)),
+        directions=np.zeros((9, r)),
+        stressed=np.zeros((9, r)),
+        S=np.zeros((WINDOW, r)),
+        Y=np.zeros((WINDOW, r)),
+        rho=np.zeros(WINDOW),
+        alpha=np.zeros(WINDOW),
+        Hy=np.zeros(r),
+    )
+
+
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
 def inner(a: Array, b: Array) -> float:
     total = 0.0
@@ -86,7 +115,7 @@ def inner(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def _contract(rows: Array, x: Array) -> Matrix:
+def contract(rows: Array, x: Array) -> Matrix:
     """The nine products of the rows (9, k) with x (k,), in one pass."""
     a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
@@ -105,7 +134,7 @@ def _contract(rows: Array, x: Array) -> Matrix:
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def _combine(rows: Array, p: Matrix, out: Array) -> None:
+def combine(rows: Array, p: Matrix, out: Array) -> None:
     """out += Σ p_e rows_e over the nine rows, in one pass."""
     a, b, c, d, e, f, g, h, i = p
     A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
@@ -114,9 +143,9 @@ def _combine(rows: Array, p: Matrix, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _deformation(G: Array, q: Array, lifted: Array, s: int) -> Matrix:
+def deformation(G: Array, q: Array, lifted: Array, s: int) -> Matrix:
     """F = I + G_s q of point s, with what moving pins add."""
-    a, b, c, d, e, f, g, h, i = _contract(G, q)
+    a, b, c, d, e, f, g, h, i = contract(G, q)
     if lifted.shape[0] > 0:
         L = lifted[s]
         return (
@@ -139,13 +168,13 @@ def _add_elastic(model: Reduced, q: Array, force: Array) -> float:
     total = 0.0
     for s in range(model.weights.shape[0]):
         G, w = model.G[s], model.weights[s]
-        F = _deformation(G, q, model.lifted, s)
+        F = deformation(G, q, model.lifted, s)
         density, P = energy_stress(model.kind[s], F, model.mu[s], model.lam[s])
         if not density < math.inf:
             return math.inf
         total += w * density
         a, b, c, d, e, f, g, h, i = P
-        _combine(G, (w * a, w * b, w * c, w * d, w * e, w * f, w * g, w * h, w * i), force)
+        combine(G, (w * a, w * b, w * c, w * d, w * e, w * f, w * g, w * h, w * i), force)
     return total
 
 
@@ -182,111 +211,3 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
     if value < math.inf:
         decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
     return value
-
-
-@njit(cache=True, nogil=True)
-def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
-    """H = J metric Jᵀ for J (r, k), by way of product = J metric; a metric of one row is diagonal."""
-    r, k = J.shape
-    for a in range(r):
-        row = product[a]
-        if metric.shape[0] == 1:
-            row[:] = metric[0] * J[a]
-            continue
-        row[:] = 0.0
-        for i in range(k):
-            x = J[a, i]
-            column = metric[i]
-            for j in range(k):
-                row[j] += x * column[j]
-    for a in range(r):
-        for b in range(a + 1):
-            H[a, b] = inner(product[a], J[b])
-            H[b, a] = H[a, b]
-
-
-@njit(cache=True, nogil=True)
-def rest_metric(model: Reduced, work: Work) -> None:
-    """hessian = Jᵀ metric J, the preconditioner of the design (paper, Eq. 15, with inertia)."""
-    if model.layers.sizes.shape[0] == 1:
-        work.hessian[:] = model.metric
-    else:
-        _project_metric(model.metric, work.jacobian, work.product, work.hessian)
-
-
-@njit(cache=True, nogil=True)
-def current_tangent(model: Reduced, work: Work) -> None:
-    """hessian = Jᵀ (M̃/h² + Σ w Gᵀ ∂²Ψ/∂F² G) J at work.q, eigenvalues clamped at every point.
-
-    The strains of all latent directions, X_a = Uᵀ (G_s J_a) V, are turned into the frame of the singular vectors, where
-    the tangent is sparse.
-    """
-    J, H, X, T = work.jacobian, work.hessian, work.directions, work.stressed
-    r = J.shape[0]
-    identity = model.layers.sizes.shape[0] == 1
-    if not identity:
-        _project_metric(model.inertia, J, work.product, H)
-    elif model.inertia.shape[0] > 1:
-        H[:] = model.inertia
-    else:
-        H[:] = 0.0
-        for a in range(r):
-            H[a, a] = model.inertia[0, a]
-    for s in range(model.weights.shape[0]):
-        G = model.G[s]
-        F = _deformation(G, work.q, model.lifted, s)
-        U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
-        for a in range(r):
-            if identity:
-                x = (G[0, a], G[1, a], G[2, a], G[3, a], G[4, a], G[5, a], G[6, a], G[7, a], G[8, a])
-            else:
-                x = _contract(G, J[a])
-            _stress_direction(U, V, D, O, model.weights[s], x, X, T, a)
-        for a in range(r):
-            t = (T[0, a], T[1, a], T[2, a], T[3, a], T[4, a], T[5, a], T[6, a], T[7, a], T[8, a])
-            _combine(X, t, H[a])
-
-
-@njit(cache=True, nogil=True)
-def _stress_direction(
-    U: Matrix, V: Matrix, D: Symmetric, O: Symmetric, w: float, x: Matrix, X: Array, T: Array, a: int
-) -> None:
-    """Columns a of X and T (9, r): the strain Uᵀ x V in the singular frame, and w times the tangent applied to it."""
-    for p in range(3):
-        m0 = U[p] * x[0] + U[3 + p] * x[3] + U[6 + p] * x[6]
-        m1 = U[p] * x[1] + U[3 + p] * x[4] + U[6 + p] * x[7]
-        m2 = U[p] * x[2] + U[3 + p] * x[5] + U[6 + p] * x[8]
-        X[3 * p, a] = m0 * V[0] + m1 * V[3] + m2 * V[6]
-        X[3 * p + 1, a] = m0 * V[1] + m1 * V[4] + m2 * V[7]
-        X[3 * p + 2, a] = m0 * V[2] + m1 * V[5] + m2 * V[8]
-    T[0, a] = w * (D[0] * X[0, a] + D[3] * X[4, a] + D[4] * X[8, a])
-    T[4, a] = w * (D[3] * X[0, a] + D[1] * X[4, a] + D[5] * X[8, a])
-    T[8, a] = w * (D[4] * X[0, a] + D[5] * X[4, a] + D[2] * X[8, a])
-    T[1, a] = w * (O[0] * X[1, a] + O[3] * X[3, a])
-    T[3, a] = w * (O[0] * X[3, a] + O[3] * X[1, a])
-    T[2, a] = w * (O[1] * X[2, a] + O[4] * X[6, a])
-    T[6, a] = w * (O[1] * X[6, a] + O[4] * X[2, a])
-    T[5, a] = w * (O[2] * X[5, a] + O[5] * X[7, a])
-    T[7, a] = w * (O[2] * X[7, a] + O[5] * X[5, a])
-
-
-@njit(cache=True, nogil=True)
-def add_spring_metric(springs: Springs, model: Reduced, work: Work) -> None:
-    """hessian += k (B J)ᵀ (B J) of every grab."""
-    J, H = work.jacobian, work.hessian
-    r, k = J.shape
-    row = work.d
-    identity = model.layers.sizes.shape[0] == 1
-    for g in range(springs.stiffness.shape[0]):
-        for axis in range(3):
-            for a in range(r):
-                total = 0.0
-                if identity:
-                    total = springs.B[g, axis, a]
-                else:
-                    for j in range(k):
-                        total += springs.B[g, axis, j] * J[a, j]
-                row[a] = total
-            for a in range(r):
-                for b in range(r):
-                    H[a, b] += springs.stiffness[g] * row[a] * row[b]

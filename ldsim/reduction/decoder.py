@@ -7,7 +7,6 @@ has neither; without the first it has no z for the rest shape (its Fig. 9).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,13 +15,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.reduction.activation import ACTIVATIONS, activate, slope
+
 Array = NDArray[np.float64]
 
-ACTIVATIONS = {"elu": 0, "relu": 1, "tanh": 2, "sigmoid": 3}
-LOG2_E = 1.0 / math.log(2.0)
-# ln 2 in two parts, the first with so few bits that n times it is exact
-LN_2, LN_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
-ROUNDER = 1.5 * 2.0**52
 REASSOCIATE = {"reassoc", "contract", "nsz"}
 
 
@@ -40,63 +36,6 @@ class Layers(NamedTuple):
     rest: Array
     skip: Array
     activation: int
-
-
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def _elu(x: Array) -> None:
-    """x ← x where positive or NaN, else eˣ − 1, to 2 units in the last place; without a branch, for vectors.
-
-    eˣ = 2ⁿ eᶠ with |f| ≤ ½ ln 2, eᶠ − 1 by its Taylor series; n is rounded by adding 1.5 · 2⁵², and 2ⁿ made from bits.
-    """
-    for i in range(x.shape[0]):
-        v = x[i]
-        y = v if v < 0.0 else 0.0
-        y = y if y > -700.0 else -700.0
-        shifted = y * LOG2_E + ROUNDER
-        n = shifted - ROUNDER
-        f = (y - n * LN_2) - n * LN_2_REST
-        p = 1.0 / 6227020800.0
-        p = p * f + 1.0 / 479001600.0
-        p = p * f + 1.0 / 39916800.0
-        p = p * f + 1.0 / 3628800.0
-        p = p * f + 1.0 / 362880.0
-        p = p * f + 1.0 / 40320.0
-        p = p * f + 1.0 / 5040.0
-        p = p * f + 1.0 / 720.0
-        p = p * f + 1.0 / 120.0
-        p = p * f + 1.0 / 24.0
-        p = p * f + 1.0 / 6.0
-        p = p * f + 0.5
-        p = p * f * f + f
-        power = np.int64((np.float64(shifted).view(np.int64) + np.int64(1023)) << np.int64(52)).view(np.float64)
-        x[i] = power * p + (power - 1.0) if v <= 0.0 else v
-
-
-@njit(cache=True, nogil=True)
-def _activate(kind: int, x: Array) -> None:
-    """The activation of every entry, in place."""
-    if kind == 0:
-        _elu(x)
-        return
-    for i in range(x.shape[0]):
-        if kind == 1:
-            x[i] = max(x[i], 0.0)
-        elif kind == 2:
-            x[i] = math.tanh(x[i])
-        else:
-            x[i] = 0.5 + 0.5 * math.tanh(0.5 * x[i])
-
-
-@njit(cache=True, nogil=True)
-def _slope(kind: int, y: float) -> float:
-    """Derivative of the activation in terms of its value y."""
-    if kind == 0:
-        return 1.0 if y > 0.0 else y + 1.0
-    if kind == 1:
-        return 1.0 if y > 0.0 else 0.0
-    if kind == 2:
-        return 1.0 - y * y
-    return y * (1.0 - y)
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
@@ -130,7 +69,7 @@ def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
         x = z if layer == 0 else hidden[source : source + rows]
         _add_product(layers.weights[w : w + rows * columns].reshape(rows, columns), x, out)
         if layer < last:
-            _activate(layers.activation, out)
+            activate(layers.activation, out)
         w += rows * columns
         b += columns
         source, target = target, target + columns
@@ -183,7 +122,7 @@ def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient
         _add_image(layers.weights[w : w + rows * columns].reshape(rows, columns), incoming, out)
         if layer > 0:
             for i in range(rows):
-                out[i] *= _slope(layers.activation, hidden[start + i])
+                out[i] *= slope(layers.activation, hidden[start + i])
         end = start
     if layers.skip.shape[0] > 0:
         _add_image(layers.skip, v, gradient)
@@ -212,7 +151,7 @@ def decode_jacobian(layers: Layers, hidden: Array, scratch: Array, jacobian: Arr
                 _add_product(W, scratch[source : source + rows], out)
             if layer < last:
                 for j in range(columns):
-                    out[j] *= _slope(layers.activation, hidden[target + j])
+                    out[j] *= slope(layers.activation, hidden[target + j])
             w += rows * columns
             source, target = target, target + columns
         if layers.skip.shape[0] > 0:

@@ -29,7 +29,7 @@ class Encoder:
     Attributes:
         weights: (in, out) float64 of each layer.
         biases: (out,) float64 of each layer.
-        activation: a name of `decoder.ACTIVATIONS`.
+        activation: a name of `activation.ACTIVATIONS`.
     """
 
     weights: tuple[Array, ...]

@@ -13,7 +13,8 @@ from ldsim.dynamics.potential import IncrementalPotential
 from ldsim.dynamics.preconditioner import grab_rows
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import Prescribed, ReducedState, ReducedStepper
-from ldsim.dynamics.reduced_potential import add_spring_metric, current_tangent, rest_metric, value_gradient
+from ldsim.dynamics.reduced_potential import value_gradient
+from ldsim.dynamics.reduced_tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.mechanics.motion import Conditions, Grab, GrabTracker, Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ldsim.export.onnx import write_onnx
-from ldsim.reduction.decoder import ACTIVATIONS, Decoder
+from ldsim.reduction.activation import ACTIVATIONS
+from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 
 K, R, HIDDEN = 7, 3, 5

@@ -17,8 +17,9 @@ from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
+from ldsim.reduction.activation import ACTIVATIONS
 from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import ACTIVATIONS, Decoder
+from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.pca import inner_product, orthonormalised
 from tests.export.javascript import needs_node, run_javascript
 from tests.helpers import bent, scene

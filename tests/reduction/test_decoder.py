@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.reduction.decoder import ACTIVATIONS, Decoder, _elu
+from ldsim.reduction.activation import ACTIVATIONS, elu
+from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
 from tests.helpers import derivative_order
 
@@ -76,7 +77,7 @@ def test_the_exponential_unit_is_exact_to_rounding_at_every_size() -> None:
     sizes = 10.0 ** np.linspace(-300, 3, 2000)
     x = np.concatenate([-sizes, sizes, [0.0, -0.0, -np.inf, np.inf, np.nan], np.linspace(-5, 5, 1001)])
     y = x.copy()
-    _elu(y)
+    elu(y)
     expected = np.where(x > 0, x, np.expm1(np.minimum(x, 0)))
     np.testing.assert_allclose(y, expected, rtol=4e-16, atol=1e-300)
 

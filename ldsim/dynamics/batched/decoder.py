@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import elu
 
-from ldsim.reduction.decoder import ACTIVATIONS, Decoder
+from ldsim.reduction.activation import ACTIVATIONS
+from ldsim.reduction.decoder import Decoder
 
 
 class Activation(NamedTuple):
