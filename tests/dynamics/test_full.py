@@ -41,7 +41,8 @@ def tip(body: Scene) -> NDArray[np.int64]:
 @pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
 def test_the_incremental_potential_has_the_gradient_it_says(material: str, cell_type: str) -> None:
     # every term of the same size, so that none hides behind another
-    body = scene(beam(0.4, 0.1, 0.1, 2, cell_type), material, 10.0, 0.4, 0.1, (0.0, -5e3, 1e3), time_step=0.05)
+    mesh = beam(0.4, 0.1, 0.1, 2, cell_type)
+    body = scene(mesh, material, 10.0, density=0.1, gravity=(0.0, -5e3, 1e3), time_step=0.05)
     rng = np.random.default_rng(0)
     predictor, d = 0.1 * rng.normal(size=body.mesh.vertices.shape), rng.normal(size=body.mesh.vertices.shape)
     d[body.pinned] = 0

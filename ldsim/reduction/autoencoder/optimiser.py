@@ -19,7 +19,11 @@ TINY = 1e-8
 
 
 class Soap(torch.optim.Optimizer):
-    """SOAP for matrices, Adam for vectors; all of its state is tensors."""
+    """SOAP for matrices, Adam for vectors.
+
+    All of its state is contiguous tensors: a product with the same numbers in another order of memory rounds otherwise,
+    and a training that goes on from a checkpoint would not repeat an undisturbed one.
+    """
 
     def __init__(self, parameters: Iterable[torch.nn.Parameter], lr: float) -> None:
         super().__init__(parameters, {"lr": lr})
@@ -40,7 +44,7 @@ class Soap(torch.optim.Optimizer):
             if gradient.dim() == 2:
                 state["left"], state["right"] = gradient @ gradient.T, gradient.T @ gradient
                 for side in ("left", "right"):
-                    state[f"{side}_basis"] = torch.linalg.eigh(state[side])[1]
+                    state[f"{side}_basis"] = torch.linalg.eigh(state[side])[1].contiguous()
                     state[side] *= 1 - DECAY
         state["step"] += 1
         count = int(state["step"])
@@ -59,4 +63,4 @@ class Soap(torch.optim.Optimizer):
             state[side].lerp_(product, 1 - DECAY)
             if count % EVERY == 0:
                 # One step of the power method: the eigenvectors turn slowly.
-                state[f"{side}_basis"] = torch.linalg.qr(state[side] @ state[f"{side}_basis"])[0]
+                state[f"{side}_basis"] = torch.linalg.qr(state[side] @ state[f"{side}_basis"])[0].contiguous()
