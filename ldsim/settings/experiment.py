@@ -110,7 +110,7 @@ class CubatureSettings(Section):
     energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
     closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
     volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
-    candidates: int = Field(5000, ge=1, description="Most points looked at, drawn at random where there are more.")
+    candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
     threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
     seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")
 

@@ -52,7 +52,7 @@ class Recipe:
     perturbation: float = 0.1
     tangent: float = 0.0
     energy: float = 0.0
-    candidates: int = 5000
+    candidates: int = 50_000
     threads: int = 0
 
 
