@@ -19,8 +19,9 @@ SURFACES = (".stl", ".obj", ".ply", ".off")
 PINNED_SHARE = 0.05
 # Tets of a surface: few for the hand, more for the model.
 COARSE_CELLS, FINE_CELLS = 2000, 10_000
-# How far the pulls of the held-out motion go, and the error that PCA may leave, in diagonals.
-REACH, PCA_TOLERANCE = 0.2, 0.004
+# How far the pulls of the held-out motion go, and the errors that PCA and the autoencoder may leave, in diagonals. How
+# many numbers a motion needs is not known before: a fixed r was larger than the basis of the first one that was tried.
+REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.004, 0.015
 
 
 def is_surface(source: Path) -> bool:
@@ -54,7 +55,6 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
                 {"name": "by_hand", "role": "train", "recording": os.path.relpath(recording, config.parent)},
             ]
         },
-        "train": {"r": 8},
         "cubature": {"poses": 200, "heldout_poses": 50},
     }
     return settings_of(content, str(source))
@@ -72,6 +72,7 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     pulls = {"count": 4, "seed": 1, "rest": 60} | {name: float(f"{value:.3g}") for name, value in numbers.items()}
     content = settings.model_dump(mode="json", exclude_unset=True)
     content["snapshot"]["motions"].append({"name": "pulls", "role": "heldout", "pulls": pulls})
-    content["pca"] = {"tolerance_mm": float(f"{1e3 * PCA_TOLERANCE * diagonal:.3g}")}
+    for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
+        content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
     with replacing(path) as temporary:
         temporary.write_text(dump(settings_of(content, str(path)), defaults=False), encoding="utf-8")
