@@ -21,7 +21,7 @@ PINNED_SHARE = 0.05
 COARSE_CELLS, FINE_CELLS = 2000, 10_000
 # How far the pulls of the held-out motion go, and the errors that PCA and the autoencoder may leave, in diagonals. How
 # many numbers a motion needs is not known before: a fixed r was larger than the basis of the first one that was tried.
-REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.004, 0.015
+REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.0005, 0.004
 
 
 def is_surface(source: Path) -> bool:
@@ -61,7 +61,7 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
 
 
 def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
-    """Write a made-up configuration, with a few random pulls to judge the model by.
+    """Write a made-up configuration, with random pulls to learn from as well and a few others to judge the model by.
 
     Raises:
         ArtefactError: it cannot be written.
@@ -69,9 +69,12 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     stiffness, radius = usual_grip(scene)
     diagonal = scene.mesh.diagonal
     numbers = {"reach": REACH * diagonal, "stiffness": stiffness, "radius": radius}
-    pulls = {"count": 4, "seed": 1, "rest": 60} | {name: float(f"{value:.3g}") for name, value in numbers.items()}
+    pulls = {"rest": 60} | {name: float(f"{value:.3g}") for name, value in numbers.items()}
     content = settings.model_dump(mode="json", exclude_unset=True)
-    content["snapshot"]["motions"].append({"name": "pulls", "role": "heldout", "pulls": pulls})
+    content["snapshot"]["motions"] += [
+        {"name": "pulls", "role": "train", "pulls": {"count": 8, "seed": 2} | pulls},
+        {"name": "others", "role": "heldout", "pulls": {"count": 4, "seed": 1} | pulls},
+    ]
     for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
     with replacing(path) as temporary:
