@@ -74,7 +74,9 @@ class Tab:
                 self.requests.append(parameters["url"])
 
     def open(self, url: str) -> None:
+        """Go to a page and wait until its document is read: before, there is no document.body to ask."""
         self.call("Page.navigate", url=url)
+        self.wait("document.readyState !== 'loading'")
 
     def size(self, width: int, height: int) -> None:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
