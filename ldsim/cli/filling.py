@@ -69,8 +69,8 @@ def _report(filling: Filling) -> None:
         _tell("warning: the worst tet is nearly flat, steps will take longer; try another mesh.surface.edge_length")
     if abs(quality["volume_change"]) > LARGE_CHANGE:
         _tell(
-            "warning: the volume differs; the surface crosses itself, or has parts thinner than the envelope: give a "
-            "smaller mesh.surface.envelope"
+            "warning: the volume differs: where the surface crosses itself, what it encloses twice was counted twice; "
+            "otherwise it has parts thinner than the envelope, and a smaller mesh.surface.envelope keeps them"
         )
 
 

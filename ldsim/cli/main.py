@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from typing import Never
 
@@ -28,6 +29,8 @@ COMMANDS = {
     "settings": "Check a configuration and print it with defaults.",
 }
 
+OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory")
+
 
 class LazyGroup(click.Group):
     """A group whose commands are imported by name, and whose errors are one line."""
@@ -50,7 +53,10 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except LdsimError as error:
             _end_with(str(error))
-        except MemoryError as error:
+        except (MemoryError, RuntimeError) as error:
+            # PyTorch says so by a RuntimeError: "can't allocate memory" on the CPU, "CUDA out of memory" on a GPU.
+            if not isinstance(error, MemoryError) and not OUT_OF_MEMORY.search(str(error)):
+                raise
             _end_with(
                 f"ldsim {ctx.invoked_subcommand} ran out of memory ({str(error) or 'allocation failed'}); what was "
                 "finished is kept — use a coarser mesh, fewer snapshot.workers or a machine with more memory"

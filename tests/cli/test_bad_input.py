@@ -11,6 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
 
 from ldsim.cli.main import main
@@ -131,6 +132,24 @@ def test_any_allocation_that_fails(experiment: Experiment, command: str, monkeyp
 
     monkeypatch.setattr("ldsim.cli.stage.load_settings", fail)
     assert refusal(experiment, command).startswith(f"ldsim {command} ran out of memory (allocation failed)")
+
+
+def test_a_tensor_that_does_not_fit_in_memory(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldsim.cli.stage.load_settings", lambda *_: torch.empty(2**58))
+    message = refusal(experiment, "train")
+    assert message.startswith("ldsim train ran out of memory (")
+    assert "tried to allocate" in message
+
+
+def test_an_error_of_ours_is_not_taken_for_lack_of_memory(
+    experiment: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("a mistake in the code")
+
+    monkeypatch.setattr("ldsim.cli.stage.load_settings", fail)
+    result = CliRunner().invoke(main, ["train", str(experiment.config)])
+    assert isinstance(result.exception, RuntimeError)
 
 
 # info

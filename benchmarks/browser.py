@@ -1,0 +1,137 @@
+"""What the pages in the browser cost: python benchmarks/browser.py runs/x …
+
+Needs Chromium, and draws as it can there: the first row says by what. Of each finished run, at 1280 × 800:
+
+    play        from the command to its address, from there to the first picture; while pulled: pictures and steps a
+                second, and the bytes of a frame
+    playground  the size of the page, the time to its first step, pictures and steps a second
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from results_file import Row, row, write_results
+
+from ldsim.export.playground import write_playground
+from ldsim.export.source import Source
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.viewer.browser import Tab, chromium
+
+SECONDS = 5.0
+RENDERER = """(() => {
+  const gl = document.createElement('canvas').getContext('webgl2');
+  return gl.getParameter(gl.getExtension('WEBGL_debug_renderer_info').UNMASKED_RENDERER_WEBGL);
+})()"""
+# The vertex whose place in the window is nearest to the middle of all: it is surely on the solid.
+MIDDLE = """(() => {
+  const count = ldsim.positions(0).length / 3, places = [];
+  for (let i = 0; i < count; i += Math.ceil(count / 500)) places.push(ldsim.screen(0, i));
+  const mean = [0, 1].map((axis) => places.reduce((sum, p) => sum + p[axis] / places.length, 0));
+  const far = (p) => Math.hypot(p[0] - mean[0], p[1] - mean[1]);
+  return places.reduce((best, p) => (far(p) < far(best) ? p : best));
+})()"""
+# Milliseconds from the start of the page's loading until a condition holds, asked in every picture.
+WHEN = """new Promise((done) => {
+  const look = () => ((%s) ? done(performance.now()) : requestAnimationFrame(look));
+  look();
+})"""
+# Pictures that the browser shows in some milliseconds, and what a counter gained in them.
+COUNT = """new Promise((done) => {
+  const start = performance.now(), first = %s;
+  let shown = 0;
+  const look = (now) => {
+    shown += 1;
+    if (now - start < %f) requestAnimationFrame(look);
+    else done([shown / (now - start) * 1000, (%s - first) / (now - start) * 1000]);
+  };
+  requestAnimationFrame(look);
+})"""
+COUNT_STEPS = """steps = 0;
+once = playground.stepOnce;
+playground.stepOnce = function () {
+  steps += 1;
+  once.call(this);
+};"""
+
+
+def rates(tab: Tab, counter: str) -> tuple[float, float]:
+    """Pictures, and increments of a counter, a second."""
+    pictures, steps = tab.evaluate(COUNT % (counter, 1e3 * SECONDS, counter))
+    return float(pictures), float(steps)
+
+
+def play(tab: Tab, run: Path) -> list[Row]:
+    started = time.perf_counter()
+    command = [sys.executable, "-m", "ldsim", "play", str(run), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as server:
+        try:
+            assert server.stdout is not None
+            url = next(word for line in server.stdout for word in line.split() if word.startswith("http://"))
+            up = time.perf_counter() - started
+            tab.open(url)
+            first = tab.evaluate(WHEN % "window.ldsim?.ready && ldsim.drawn > 0") / 1e3
+            x, y = tab.evaluate(MIDDLE)
+            tab.mouse("mousePressed", (x, y))
+            tab.mouse("mouseMoved", (x + 60, y - 40))
+            tab.wait("ldsim.grabs === 1")
+            pictures, steps = rates(tab, "ldsim.frame")
+            size = tab.evaluate("ldsim.bytes")
+            tab.mouse("mouseReleased", (x + 60, y - 40))
+        finally:
+            server.terminate()
+    return [
+        row(run.name, "play: from the command to the address", up, "s"),
+        row(run.name, "play: from the address to the first picture", first, "s", "<= 3"),
+        row(run.name, "play: pictures a second, pulled", pictures, "1/s"),
+        row(run.name, "play: frames a second from the server, pulled", steps, "1/s"),
+        row(run.name, "play: bytes of a frame, one pull, one space", size, "B", "<= 4096"),
+    ]
+
+
+def playground(tab: Tab, run: Path) -> list[Row]:
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "playground.html"
+        write_playground(Source(run), page)
+        size = page.stat().st_size / 1e6
+        tab.open(page.as_uri())
+        first = tab.evaluate(WHEN % "window.playground?.iterations !== undefined") / 1e3
+        tab.evaluate(
+            "steps = 0; once = playground.stepOnce; playground.stepOnce = function () { steps += 1; once.call(this); }"
+        )
+        pictures, steps = rates(tab, "steps")
+    return [
+        row(run.name, "playground: size", size, "MB", "<= 15"),
+        row(run.name, "playground: from the file to the first step", first, "s"),
+        row(run.name, "playground: pictures a second", pictures, "1/s"),
+        row(run.name, "playground: steps a second", steps, "1/s"),
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="What the pages in the browser cost.")
+    parser.add_argument("runs", nargs="+", type=Path, help="finished runs of the pipeline")
+    given = parser.parse_args()
+    rows: list[Row] = []
+    for run in given.runs:
+        with chromium() as tab:
+            tab.size(1280, 800)
+            if not rows:
+                rows.append(row("all", "drawn by", tab.evaluate(RENDERER)))
+            for part in (play, playground):
+                rows += part(tab, run)
+    for r in rows:
+        print(
+            f"{r['model']}: {r['quantity']} = {r['value']} {r['unit']}" + (f" (goal {r['goal']})" if r["goal"] else "")
+        )
+    print(write_results("browser", "python benchmarks/browser.py " + " ".join(map(str, given.runs)), rows))
+
+
+if __name__ == "__main__":
+    main()
