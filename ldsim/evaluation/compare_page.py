@@ -86,7 +86,9 @@ def _speed(records: Sequence[Mapping[str, Any]]) -> Section:
     ]
     motions = "; ".join(f"{record['name']}: {record['motion']}" for record in records if record["motion"] is not None)
     notes = (
-        f"Step times are medians on one motion of each run ({motions}). " if motions else "",
+        f"Step times are medians on one motion of each run ({motions}), ratios those over all motions. "
+        if motions
+        else "",
         "Errors are the mean vertex distance to the full-space run over its mean displacement; where a run has several "
         "motions of a role, the worst one counts. Restarted: from the full-space state every so often (0.25 s unless "
         "simulate.window says otherwise).",
@@ -129,11 +131,11 @@ def _trust(records: Sequence[Mapping[str, Any]]) -> Section:
     rows = []
     for record in records:
         latent = [record["online"][role]["latent"] or {} for role in ROLES]
-        cells = ((percent(run.get("distrusted")), number(run.get("rank_correlation"))) for run in latent)
+        cells = ((percent(run.get("distrusted")), number(run.get("rank_correlation_remembered"))) for run in latent)
         rows.append((_linked(record), *(cell for pair in cells for cell in pair)))
     note = (
-        "Of the worst latent run of each role: the share of frames that the trust score warns of, and the score’s rank "
-        "correlation with the true error."
+        "Of the worst latent run of each role: the share of frames that the trust score warns of, and the rank "
+        "correlation of its memory over half a second with the true error."
     )
     return Section("Trust", (table(header, rows, "Trust in the latent runs"), remark(note)))
 

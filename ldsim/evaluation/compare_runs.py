@@ -119,12 +119,12 @@ def _worst(runs: Sequence[Mapping[str, Any]], role: str) -> dict[str, Any] | Non
         return None
     worst = max(mine, key=_badness)
     error = worst["online_error"] or {"relative": None, "windowed": None}
-    trust = worst["trust"] or {"distrusted": None, "rank_correlation": None}
+    trust = worst["trust"] or {"distrusted": None, "rank_correlation_remembered": None}
     return {
         "motion": worst["motion"],
         "diverged": worst["diverged"],
         **{key: error[key] for key in ("relative", "windowed")},
-        **{key: trust[key] for key in ("distrusted", "rank_correlation")},
+        **{key: trust[key] for key in ("distrusted", "rank_correlation_remembered")},
     }
 
 

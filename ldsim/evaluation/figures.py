@@ -201,26 +201,35 @@ def online_error_over_time(
 
 
 def trust_over_time(
-    seconds: Array, score: Array, error_mm: Array, threshold: float, correlation: float | None, motion: str
+    seconds: Array,
+    scores: tuple[Array, Array],
+    error_mm: Array,
+    threshold: float,
+    correlation: float | None,
+    motion: str,
 ) -> str:
-    """The trust score of each frame beside the true error.
+    """The trust score of each frame, and its memory, beside the true error.
 
     Args:
-        seconds, score, error_mm: of each frame, (N,).
+        seconds, error_mm: of each frame, (N,).
+        scores: the score and its memory, (N,) each.
         threshold: score from which on a frame is distrusted.
-        correlation: Spearman's, of score and error.
+        correlation: Spearman's, of memory and error.
     """
-    told = "" if correlation is None else f" (rank correlation {correlation:.2f})"
+    told = "" if correlation is None else f" (rank correlation of memory and error {correlation:.2f})"
     figure, ax = new_axes(f"motion {motion}: time, s{told}", "mean vertex distance, mm")
     ax.plot(*thinned(seconds, error_mm), color=LATENT, lw=1.5, label="true error")
     right = ax.twinx()
     right.set_ylabel("distance to the training codes", color=INK, fontsize=9.5)
     right.tick_params(colors=INK, labelsize=9, length=0)
     right.spines[:].set_visible(False)
-    right.plot(*thinned(seconds, score), color=GREEN, lw=1.2, ls=DASHED, label="trust score")
+    score, memory = scores
+    right.plot(*thinned(seconds, score), color=GREEN, lw=0.8, ls=DASHED, alpha=0.6, label="trust score")
+    right.plot(*thinned(seconds, memory), color=GREEN, lw=1.8, label="its memory")
     right.axhline(threshold, color=INK, lw=1, ls=":", alpha=0.7)
     _line_label(right, threshold, f"distrusted above {plain_number(threshold)}")
-    ax.plot([], [], color=GREEN, lw=1.2, ls=DASHED, label="trust score (right)")
+    ax.plot([], [], color=GREEN, lw=0.8, ls=DASHED, label="trust score (right)")
+    ax.plot([], [], color=GREEN, lw=1.8, label="its memory (right)")
     for axis in (ax, right):
         axis.set_ylim(bottom=0)
     ax.margins(x=0.01)

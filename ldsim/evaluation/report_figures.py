@@ -21,6 +21,7 @@ from ldsim.evaluation.figures import (
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.report_numbers import MS_PER_S, pooled_seconds, rank_correlation
 from ldsim.evaluation.report_schema import SPACES
+from ldsim.reduction.trust import remembered
 
 
 def draw_figures(run: FinishedRun, cubature_tolerance: float | None) -> dict[str, str]:
@@ -90,8 +91,9 @@ def _trust(run: FinishedRun) -> dict[str, str]:
         if run.model.trust is None or trajectory.trust is None or trajectory.mean_error is None:
             continue
         seconds = run.scene.time_step * np.arange(1.0, len(trajectory.trust) + 1)
-        error = MM_PER_M * trajectory.mean_error
+        error, memory = MM_PER_M * trajectory.mean_error, remembered(trajectory.trust, run.scene.time_step)
+        correlation = rank_correlation(memory, trajectory)
         figures[f"trust_{name}"] = trust_over_time(
-            seconds, trajectory.trust, error, run.model.trust.threshold, rank_correlation(trajectory), name
+            seconds, (trajectory.trust, memory), error, run.model.trust.threshold, correlation, name
         )
     return figures

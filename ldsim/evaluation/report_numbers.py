@@ -17,6 +17,7 @@ from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.machine import describe_machine
 from ldsim.evaluation.report_schema import SPACES
+from ldsim.reduction.trust import remembered
 
 Array = NDArray[np.float64]
 
@@ -164,15 +165,17 @@ def _trust(run: FinishedRun, trajectory: Trajectory) -> dict[str, float | None] 
         "median": _finite(np.median(scores)),
         "threshold": _finite(threshold),
         "distrusted": _finite((scores > threshold).mean()),
-        "rank_correlation": None if trajectory.mean_error is None else rank_correlation(trajectory),
+        "rank_correlation": rank_correlation(trajectory.trust, trajectory),
+        "rank_correlation_remembered": rank_correlation(remembered(trajectory.trust, run.scene.time_step), trajectory),
     }
 
 
-def rank_correlation(trajectory: Trajectory) -> float | None:
-    """Spearman's between the trust score and the mean vertex error of each frame; None where one is constant."""
-    assert trajectory.trust is not None and trajectory.mean_error is not None
-    known = np.isfinite(trajectory.trust) & np.isfinite(trajectory.mean_error)
-    score, error = rankdata(trajectory.trust[known]), rankdata(trajectory.mean_error[known])
+def rank_correlation(score: Array, trajectory: Trajectory) -> float | None:
+    """Spearman's between a score and the mean vertex error of each frame; None where one is constant or not known."""
+    if trajectory.mean_error is None:
+        return None
+    known = np.isfinite(score) & np.isfinite(trajectory.mean_error)
+    score, error = rankdata(score[known]), rankdata(trajectory.mean_error[known])
     if len(score) < 3 or np.ptp(score) == 0 or np.ptp(error) == 0:
         return None
     return _finite(np.corrcoef(score, error)[0, 1])

@@ -119,7 +119,10 @@ CUBATURE = Record(
     {"points": COUNT, "relative_error": Record({"train": NUMBER, "heldout": NUMBER}), "seconds": NUMBER}, nullable=True
 )
 ONLINE_ERROR = Record({"relative": NUMBER, "windowed": NUMBER, "max_mm": NUMBER, "mean_mm": NUMBER}, nullable=True)
-TRUST = Record({"median": NUMBER, "threshold": NUMBER, "distrusted": NUMBER, "rank_correlation": NUMBER}, nullable=True)
+TRUST = Record(
+    dict.fromkeys(("median", "threshold", "distrusted", "rank_correlation", "rank_correlation_remembered"), NUMBER),
+    nullable=True,
+)
 SIMULATION = Record(
     {
         "motion": TEXT,

@@ -142,20 +142,24 @@ def simulation(report: Mapping[str, Any]) -> Section:
 
 def trust(report: Mapping[str, Any]) -> Section:
     """Whether the score told where the latent runs went wrong."""
-    header = ("motion", "median score", "distrusted above", "distrusted frames", "rank correlation with the true error")
+    header = (
+        *("motion", "median score", "distrusted above", "distrusted frames"),
+        *("rank correlation with the true error", "that of its memory"),
+    )
     rows = [
         (
             joined(run["motion"], " ", element("small", ROLE_NAMES[run["role"]])),
             *(number(run["trust"][key]) for key in ("median", "threshold")),
             percent(run["trust"]["distrusted"]),
-            number(run["trust"]["rank_correlation"]),
+            *(number(run["trust"][f"rank_correlation{what}"]) for what in ("", "_remembered")),
         )
         for run in report["simulate"]["latent"]
         if run["trust"] is not None
     ]
     note = remark(
         "The score is the distance of the latent state to the nearest training code; 99 % of the training codes "
-        "score at most 1. It needs no full-space run, the true error does."
+        "score at most 1. It needs no full-space run, the true error does. Its memory is its mean over the last half "
+        "second or so: an error that was made stays for a while."
     )
     content = table(header, rows, "Trust in the latent runs")
     return Section("How far to trust it", (note, content) if rows else (), ("trust",))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
@@ -21,6 +22,8 @@ from ldsim.reduction.encoder import Encoder, nearest_latent
 Array = NDArray[np.float64]
 
 LANDMARKS = 256
+# How long a run remembers that it was far from the training codes, seconds.
+MEMORY = 0.5
 # Held-out poses looked at, and what counts as badly decoded: worse than this share of the training poses, twice over.
 POSES = 200
 USUAL = 0.95
@@ -45,6 +48,20 @@ class Trust:
         """Scores of codes (N, r); (N,) float64, NaN where a code is not finite."""
         scores: Array = np.array([distance(self.landmarks, row) for row in np.ascontiguousarray(z)]) / self.reach
         return scores
+
+
+def remembered(scores: Array, time_step: float) -> Array:
+    """Scores of successive steps, each averaged over the past with weights that fall by e every MEMORY seconds.
+
+    A run that has been among states it does not know goes on from a wrong one, and is off for a while after it is back:
+    the memory follows the error of an uninterrupted run, the score itself tells where an error is being made.
+
+    Args:
+        scores: of each step, (N,), finite. time_step: seconds.
+    """
+    share = -math.expm1(-time_step / MEMORY)
+    memory: Array = lfilter([share], [1.0, share - 1.0], scores)
+    return memory
 
 
 @njit(cache=True, nogil=True)

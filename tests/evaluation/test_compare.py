@@ -75,10 +75,11 @@ def test_a_motion_without_a_full_space_run_does_not_stand_for_the_others():
 
 
 def test_trust_is_that_of_the_worst_run():
-    trust = {"median": 1.0, "threshold": 2.0, "distrusted": 0.25, "rank_correlation": 0.61}
+    trust = {"median": 1.0, "threshold": 2.0, "distrusted": 0.25, "rank_correlation": 0.1}
+    trust["rank_correlation_remembered"] = 0.61
     simulate = with_run("latent", online_error=error(0.8), trust=trust)
     found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
-    assert (found["distrusted"], found["rank_correlation"]) == (0.25, 0.61)
+    assert (found["distrusted"], found["rank_correlation_remembered"]) == (0.25, 0.61)
 
 
 def test_each_warning_names_its_run_and_stands_before_every_table():

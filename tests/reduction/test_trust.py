@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.trust import Trust, fit_trust
+from ldsim.reduction.trust import MEMORY, Trust, fit_trust, remembered
 
 Array = NDArray[np.float64]
 
@@ -76,3 +76,18 @@ def test_few_training_codes_still_have_a_scale() -> None:
     z = np.random.default_rng(4).normal(size=(40, 2))
     trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
     assert 0.5 < trust(z).max() < 3
+
+
+@pytest.mark.parametrize("time_step", [0.001, 0.01])
+def test_the_memory_of_a_score_follows_it_within_half_a_second(time_step: float) -> None:
+    away = np.ones(round(MEMORY / time_step))
+    memory = remembered(np.concatenate([away, 0 * away]), time_step)
+    assert memory[len(away) - 1] == pytest.approx(1 - np.exp(-1), rel=1e-9)
+    assert memory[-1] == pytest.approx(memory[len(away) - 1] * np.exp(-1), rel=1e-9)
+    assert (np.diff(memory[: len(away)]) > 0).all()
+    assert (np.diff(memory[len(away) :]) < 0).all()
+
+
+def test_the_memory_of_a_run_that_is_lost_ends_where_the_run_does() -> None:
+    memory = remembered(np.array([1.0, 2.0, np.nan, np.nan]), 0.1)
+    assert np.isfinite(memory).tolist() == [True, True, False, False]
