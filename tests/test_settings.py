@@ -299,3 +299,9 @@ def test_a_bad_script_is_told_like_a_bad_configuration(tmp_path: Path, text: str
     with pytest.raises(SettingsError, match=words) as caught:
         load_script(path)
     assert "script.yaml" in str(caught.value)
+
+
+def test_a_rehearsal_has_inertia(tmp_path: Path) -> None:
+    content = of_motions(["train"], quasistatic=True) | {"train": {"rehearsal": {"count": 1, "reach": 0.1}}}
+    with pytest.raises(SettingsError, match="train.rehearsal steps with inertia"):
+        load_settings(written(tmp_path, content))

@@ -114,6 +114,7 @@ class StoredModel:
         kp: the PCA dimension whose largest training error matches the autoencoder's.
         search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
         trust: how far a code is from the training codes.
+        rehearsed: coordinates of the frames that were learned from beside the snapshots, (f, k) float32, or None.
     """
 
     decoder: Decoder
@@ -125,6 +126,7 @@ class StoredModel:
     best_epoch: int
     search_own: NDArray[np.bool_] | None = None
     trust: Trust | None = None
+    rehearsed: NDArray[np.float32] | None = None
 
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
@@ -140,6 +142,8 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         datasets["skip"] = model.decoder.skip
     if model.search_own is not None:
         datasets["search_own"] = model.search_own
+    if model.rehearsed is not None:
+        datasets["rehearsed"] = model.rehearsed
     if model.trust is not None:
         datasets |= {"trust/landmarks": model.trust.landmarks, "trust/reach": model.trust.reach}
         datasets["trust/threshold"] = model.trust.threshold
@@ -167,6 +171,7 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             int(file["best_epoch"][()]),
             file["search_own"][:] if "search_own" in file else None,
             _trust(file["trust"]) if "trust" in file else None,
+            file["rehearsed"][:] if "rehearsed" in file else None,
         )
         return model, header
 

@@ -50,9 +50,15 @@ def command(run: Run) -> None:
         lifting = Lifting.of(scene, motions)
         metric = inner_product(scene.mass, run.settings.pca.inner_product)
         q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), metric, U)
+        read, recorded = snapshots.frame_reader(names), len(q)
+        if model.rehearsed is not None:
+            q = np.concatenate([q, model.rehearsed])
+
+        def true_pose(t: int) -> NDArray[np.floating]:
+            return read(t) if t < recorded else (U @ q[t]).reshape(-1, 3)
+
         fitted, kept_back = split_poses(len(q), settings.poses, settings.heldout_poses, settings.seed)
-        true_pose = snapshots.frame_reader(names)
-        pins = lifting.fields, lifting.all_coordinates(motions)
+        pins = lifting.fields, np.pad(lifting.all_coordinates(motions), ((0, len(q) - recorded), (0, 0)))
         for name, space in _pose_spaces(scene, U, model, q, true_pose, pins).items():
             started = time.perf_counter()
             with one_thread(), progress_bar(None, f"cubature {name}", "set") as bar:
@@ -96,7 +102,7 @@ def _pose_spaces(
     U: Array,
     model: StoredModel,
     q: Array,
-    displacement: Callable[[int], NDArray[np.float32]],
+    displacement: Callable[[int], NDArray[np.floating]],
     pins: tuple[Array, Array],
 ) -> dict[str, PoseSpace]:
     """The latent space and its linear rival of kp columns, with the poses q of all columns, (N, k).

@@ -54,7 +54,7 @@ def _motion(run: Run, scene: Scene, settings: MotionSettings) -> Motion:
     if settings.recording is not None:
         return read_recording(resolve_path(settings.recording, run.config), settings.name)
     if settings.pulls is not None:
-        return _pulls(settings.name, scene, settings.pulls)
+        return pulls(settings.name, scene, settings.pulls)
     if settings.script is not None:
         return _scripted(settings.name, scene, settings.script)
     if settings.script_file is not None:
@@ -65,18 +65,19 @@ def _motion(run: Run, scene: Scene, settings: MotionSettings) -> Motion:
     return _release(settings.name, scene, settings.release)
 
 
-def _pulls(name: str, scene: Scene, pulls: PullSettings) -> Motion:
+def pulls(name: str, scene: Scene, settings: PullSettings) -> Motion:
+    """Random pulls at the movable surface of a scene."""
     movable = scene.mesh.vertices[np.intersect1d(surface_vertices(scene.mesh), scene.free)]
     return random_pulls(
         name,
         movable,
-        pulls.count,
-        pulls.seed,
-        pulls.reach,
-        pulls.stiffness,
-        pulls.radius,
-        pulls.frames,
-        pulls.rest,
+        settings.count,
+        settings.seed,
+        settings.reach,
+        settings.stiffness,
+        settings.radius,
+        settings.frames,
+        settings.rest,
     )
 
 

@@ -40,7 +40,7 @@ def command(run: Run, scheduler: str | None = None) -> None:
     with progress_bar(frames, f"snapshot {run.settings.experiment}", "frame") as bar:
 
         def show(done: int, unfinished: int) -> None:
-            bar.set_postfix_str(f"{unfinished} motions to finish")
+            bar.set_postfix_str(f"{unfinished} motions to finish", refresh=False)
             bar.update(done - bar.n)
 
         run_motions(run.path("scene"), folder, motions, options, settings.workers, show, scheduler)

@@ -16,12 +16,15 @@ from tqdm import tqdm
 from ldsim.artefacts.records import StoredModel, read_basis, read_scene, write_model
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
+from ldsim.cli.motions import pulls
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.dynamics.rehearsal import rehearsal_stepper, rehearse
+from ldsim.mechanics.scene import Scene
 from ldsim.reduction.autoencoder import Forces, Trained, TrainingOptions, train, train_ordered
 from ldsim.reduction.latent_search import search
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import Chunks, inner_product
-from ldsim.reduction.pose_stiffness import pose_forces, spread_frames
+from ldsim.reduction.pose_stiffness import pose_forces, rehearsed_forces, spread_frames
 from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, reconstruction_error
 from ldsim.reduction.trust import fit_trust
 from ldsim.settings import TrainSettings
@@ -38,7 +41,7 @@ def command(run: Run) -> None:
     run.check("basis", header, "scene", "snapshots")
     U, partial = stored.basis.U, run.folder / "model.partial"
     metric = inner_product(scene.mass, run.settings.pca.inner_product)
-    with Snapshots(run.path("snapshots")) as snapshots, progress_bar(None, "train", "epoch") as bar, one_thread():
+    with Snapshots(run.path("snapshots")) as snapshots, one_thread():
         motions = {name: snapshots.recorded(name).motion for name in snapshots.names}
         lifting = Lifting.of(scene, motions.values())
 
@@ -50,19 +53,26 @@ def command(run: Run) -> None:
             return reconstruction_error(chunks(role), metric, U, trained.encoder, trained.decoder)
 
         q, unseen = (all_coordinates(chunks(role), metric, U) for role in ("train", "heldout"))
-        forces = None
-        if settings.equilibrium:
-            frames = spread_frames(len(q), settings.equilibrium_poses)
-            a = lifting.all_coordinates([motions[name] for name in snapshots.with_role("train")])
-            forces = pose_forces(scene, U, q, chunks("train"), frames, bar.update, lambda t: lifting.fields @ a[t])
-        trainings = _Trainings(q, settings, forces, partial, bar)
-        found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, settings.tolerance_mm / 1e3)
+        rehearsed = _rehearsed(scene, U, q, settings, partial)
+        with progress_bar(None, "train", "epoch") as bar:
+            forces = None
+            if settings.equilibrium:
+                a = lifting.all_coordinates([motions[name] for name in snapshots.with_role("train")])
+                frames = spread_frames(len(q) + len(rehearsed), settings.equilibrium_poses)
+                own, others = frames[frames < len(q)], frames[frames >= len(q)] - len(q)
+                forces = pose_forces(scene, U, q, chunks("train"), own, bar.update, lambda t: lifting.fields @ a[t])
+                forces = forces.joined(rehearsed_forces(scene, U, rehearsed, others, bar.update), len(q))
+            every = np.concatenate([q, rehearsed])
+            trainings = _Trainings(every, settings, forces, partial, bar)
+            most = settings.tolerance_mm / 1e3
+            found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, most)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
     trained = found.trained
-    trust = fit_trust(trained.decoder, trained.encoder, q, unseen)
+    trust = fit_trust(trained.decoder, trained.encoder, every, unseen)
     kp = matching_dimension(stored.basis.max_error, errors[0, 0])
     model = StoredModel(
-        trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch, found.own, trust
+        *(trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch, found.own),
+        *(trust, rehearsed.astype(np.float32) if len(rehearsed) else None),
     )
     header = run.header(
         "model", "train", ("snapshots", "basis"), seed=settings.seed, activation=settings.activation, met=int(found.met)
@@ -76,6 +86,29 @@ def command(run: Run) -> None:
     )
     if len(unseen) == 0:
         click.echo(NO_HELDOUT, err=True)
+
+
+def _rehearsed(
+    scene: Scene, U: NDArray[np.float64], q: NDArray[np.float64], settings: TrainSettings, folder: Path
+) -> NDArray[np.float64]:
+    """Coordinates of the rehearsed pulls, (f, k) in what float32 holds; kept until the model is written."""
+    if settings.rehearsal is None:
+        return np.empty((0, U.shape[1]))
+    digest = hashlib.sha256(q.tobytes() + U.tobytes() + repr(settings.rehearsal).encode())
+    store = TrainingStore(folder, "rehearsal", digest.hexdigest())
+    kept = store.load()
+    if kept is None:
+        motion = pulls("rehearsal", scene, settings.rehearsal)
+        with progress_bar(motion.frames, "train rehearsal", "frame") as bar:
+            bar.set_postfix_str("choosing its cubature points first, up to some minutes")
+            stepper = rehearsal_stepper(scene, U, q, settings.rehearsal.seed)
+            bar.set_postfix_str("")
+            made = rehearse(stepper, scene, motion, bar.update)
+        if len(made) < motion.frames:
+            click.echo(f"warning: the rehearsal was lost after {len(made)} of {motion.frames} frames", err=True)
+        kept = {"q": made.astype(np.float32)}
+        store.save(kept)
+    return kept["q"].astype(np.float64)
 
 
 class _Trainings:

@@ -23,6 +23,16 @@ def spread_frames(total: int, count: int) -> NDArray[np.int64]:
     return frames
 
 
+def rehearsed_forces(
+    scene: Scene, U: Array, q: Array, frames: NDArray[np.int64], progress: Callable[[], object]
+) -> Forces:
+    """`pose_forces` of poses that are U q themselves, with all pins at rest; q is (N, k)."""
+    n = scene.mesh.n_vertices
+    poses = ((U @ q[t]).reshape(1, n, 3) for t in frames)
+    found = pose_forces(scene, U, q[frames], lambda: poses, np.arange(len(frames)), progress)
+    return Forces(frames, found.stiffness, found.excess)
+
+
 def pose_forces(
     scene: Scene,
     U: Array,

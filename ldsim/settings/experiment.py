@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ldsim.settings.motions import MotionSettings
+from ldsim.settings.motions import MotionSettings, PullSettings
 from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
 from ldsim.settings.section import Positive, Section
 
@@ -77,6 +77,9 @@ class TrainSettings(Section):
     )
     equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
     equilibrium_poses: int = Field(200, ge=1, description="Training poses that it looks at.")
+    rehearsal: PullSettings | None = Field(
+        None, description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
+    )
     noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
     variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
     smoothness: float = Field(0.0, ge=0, description="Weight of the decoder's curvature between poses; 0 for none.")
@@ -143,3 +146,9 @@ class Settings(Section):
     cubature: CubatureSettings = CubatureSettings()  # type: ignore[call-arg]
     simulate: SimulateSettings = SimulateSettings()  # type: ignore[call-arg]
     report: ReportSettings = ReportSettings()  # type: ignore[call-arg]
+
+    @model_validator(mode="after")
+    def _rehearsal_has_inertia(self) -> Settings:
+        if self.snapshot.quasistatic and self.train.rehearsal is not None:
+            raise ValueError("train.rehearsal steps with inertia, snapshot.quasistatic leaves it out; drop one")
+        return self

@@ -10,6 +10,7 @@ import time
 
 import h5py
 import numpy as np
+import pytest
 
 from tests.cli.experiments import TINY, Experiment
 
@@ -73,3 +74,46 @@ def test_simulate_records_trust_and_warns_where_it_is_low(experiment: Experiment
     result = experiment.invoke("simulate")
     assert result.exit_code == 0
     assert "frames are far from the training motions" in result.stderr
+
+
+REHEARSED = TINY["train"] | {"rehearsal": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
+
+
+def test_a_rehearsal_is_learned_from_and_fitted_to(experiment: Experiment) -> None:
+    before = weights(experiment)
+    experiment.configure(TINY | {"train": REHEARSED, "cubature": {"poses": 60, "heldout_poses": 30}})
+    assert experiment.invoke("train").exit_code == 0
+    with h5py.File(experiment.run / "model.h5") as file:
+        rehearsed = file["rehearsed"][:]
+    assert rehearsed.shape == (60, 6)
+    assert np.isfinite(rehearsed).all()
+    assert any((ours != theirs).any() for ours, theirs in zip(weights(experiment), before, strict=True))
+    # the 40 frames of the snapshots alone would be too few
+    assert experiment.invoke("cubature").exit_code in (0, 3)
+
+
+def test_a_rehearsal_is_not_run_again_after_an_interruption(
+    experiment: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment.configure(TINY | {"train": REHEARSED})
+    assert experiment.invoke("train").exit_code == 0
+    undisturbed = weights(experiment)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ldsim.cli.train.search", stop)
+        assert experiment.invoke("train").exit_code != 0
+    monkeypatch.setattr("ldsim.cli.train.rehearse", stop)
+    assert experiment.invoke("train").exit_code == 0
+    for ours, theirs in zip(weights(experiment), undisturbed, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_rehearsal_that_is_lost_is_said(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldsim.cli.train.rehearse", lambda *_: np.ones((7, 6)))
+    experiment.configure(TINY | {"train": REHEARSED})
+    result = experiment.invoke("train")
+    assert result.exit_code == 0
+    assert "the rehearsal was lost after 7 of 60 frames" in result.stderr

@@ -1,0 +1,59 @@
+"""A motion run in the linear space of a whole basis: examples by the thousand where the full space makes a few.
+
+The basis holds far more motions than those it was made from; what an autoencoder learns is which of its poses belong
+together, and that takes many. A step in k coordinates with a cubature takes about a millisecond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper, reduced_rest_stiffness
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.fit import fit
+from ldsim.reduction.cubature.forces import ProjectedForces
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.metric import rest_compliance
+from ldsim.reduction.cubature.selection import split_poses
+from ldsim.reduction.decoder import Decoder
+
+Array = NDArray[np.float64]
+
+# Of the cubature: relative force error on so many poses, and most points.
+ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
+# Steps stop at ‖∇E‖ ≤ this · max(‖q‖, 1), N.
+TOLERANCE = 1e-6
+
+
+def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int) -> ReducedStepper:
+    """What steps a scene in the linear space of U, (3n, k), with a cubature fitted to snapshots q, (N, k)."""
+    linear = Decoder.identity(U.shape[1])
+    poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
+    metric = rest_compliance(reduced_rest_stiffness(scene, U), linear, q[:1])
+    found = fit(ProjectedForces(scene, U, linear, q[poses], metric=metric), Goal(ERROR, MAX_POINTS)).best
+    return ReducedStepper(scene, U, linear, found.points, found.weights, tolerance=TOLERANCE)
+
+
+def rehearse(stepper: ReducedStepper, scene: Scene, motion: Motion, progress: Callable[[], object]) -> Array:
+    """Coordinates of the frames of a motion, (N, k) float64; if the run is lost, of those before.
+
+    Args:
+        motion: whose grabs and gravity are stepped, with all pins at rest.
+        progress: called after each frame.
+    """
+    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
+    farthest = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
+    state = ReducedState.at_rest(stepper.decoder)
+    q = np.empty((motion.frames, stepper.decoder.k))
+    for frame in range(motion.frames):
+        u = stepper.displacement(state) if tracker.needs_state(frame) else None
+        state, _ = stepper.step(state, tracker.grabs(frame, u), tracker.conditions(frame).gravity)
+        if not np.linalg.norm(state.q) < farthest:
+            return q[:frame]
+        q[frame] = state.q
+        progress()
+    return q
