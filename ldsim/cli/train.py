@@ -99,10 +99,14 @@ def _rehearsed(
     kept = store.load()
     if kept is None:
         motion = pulls("rehearsal", scene, settings.rehearsal)
-        with progress_bar(motion.frames, "train rehearsal", "frame") as bar:
-            bar.set_postfix_str("choosing its cubature points first, up to some minutes")
-            stepper = rehearsal_stepper(scene, U, q, settings.rehearsal.seed)
-            bar.set_postfix_str("")
+        with progress_bar(None, "train: cubature of the rehearsal", "set") as bar:
+
+            def show(points: int, error: float) -> None:
+                bar.set_postfix_str(f"{points} points, relative error {error:.3f}", refresh=False)
+                bar.update()
+
+            stepper = rehearsal_stepper(scene, U, q, settings.rehearsal.seed, show)
+        with progress_bar(motion.frames, "train: rehearsal", "frame") as bar:
             made = rehearse(stepper, scene, motion, bar.update)
         if len(made) < motion.frames:
             click.echo(f"warning: the rehearsal was lost after {len(made)} of {motion.frames} frames", err=True)

@@ -17,6 +17,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
 from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import Progress
 from ldsim.reduction.cubature.metric import rest_compliance
 from ldsim.reduction.cubature.selection import split_poses
 from ldsim.reduction.decoder import Decoder
@@ -29,12 +30,19 @@ ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
 TOLERANCE = 1e-6
 
 
-def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int) -> ReducedStepper:
-    """What steps a scene in the linear space of U, (3n, k), with a cubature fitted to snapshots q, (N, k)."""
+def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int, progress: Progress | None = None) -> ReducedStepper:
+    """What steps a scene in the linear space of U, (3n, k), with a cubature fitted to snapshots q, (N, k).
+
+    Args:
+        seed: of the choice of snapshots.
+        progress: told the points and the relative error of each set of the fit.
+    """
     linear = Decoder.identity(U.shape[1])
     poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
     metric = rest_compliance(reduced_rest_stiffness(scene, U), linear, q[:1])
-    found = fit(ProjectedForces(scene, U, linear, q[poses], metric=metric), Goal(ERROR, MAX_POINTS)).best
+    found = fit(
+        ProjectedForces(scene, U, linear, q[poses], metric=metric), Goal(ERROR, MAX_POINTS), progress=progress
+    ).best
     return ReducedStepper(scene, U, linear, found.points, found.weights, tolerance=TOLERANCE)
 
 
