@@ -49,6 +49,7 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
             "scale": scale,
             "material": {"youngs_modulus": youngs_modulus},
             "pins": [{"slab": {"axis": axis, "at": "min", "thickness": float(f"{thickness:.3g}")}}],
+            **({"gravity": [0.0, 0.0, -9.8]} if axis == "z" else {}),  # it stands on its low end
         },
         "snapshot": {
             "motions": [
@@ -61,7 +62,7 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
 
 
 def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
-    """Write a made-up configuration, with random pulls to learn from as well and a few others to judge the model by.
+    """Write a made-up configuration, with random and rehearsed pulls to learn from and a few others to judge it by.
 
     Raises:
         ArtefactError: it cannot be written.
@@ -77,5 +78,6 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     ]
     for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
+    content["train"]["rehearsal"] = {"count": 60, "seed": 3} | pulls
     with replacing(path) as temporary:
         temporary.write_text(dump(settings_of(content, str(path)), defaults=False), encoding="utf-8")

@@ -35,9 +35,27 @@ CONFIGURATIONS = (".yaml", ".yml")
 @click.option("--stiffness", type=click.FloatRange(0, min_open=True), help="Of a grab, N/m.")
 @click.option("--radius", type=click.FloatRange(0, min_open=True), help="Of a grab, m.")
 @click.option("--config", type=click.Path(path_type=Path), help="For a MESH file: write a configuration of all stages.")
-@click.option("--scale", type=click.FloatRange(0, min_open=True), default=1.0, help="Of a MESH file: metres a unit.")
-@click.option("--youngs-modulus", type=click.FloatRange(0, min_open=True), default=1e5, help="Of a MESH file, Pa.")
-@click.option("--pin", type=click.Choice(["x", "y", "z"]), default="y", help="A MESH file is pinned at its low end.")
+@click.option(
+    "--scale",
+    type=click.FloatRange(0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Of a MESH file: metres a unit.",
+)
+@click.option(
+    "--youngs-modulus",
+    type=click.FloatRange(0, min_open=True),
+    default=1e5,
+    show_default=True,
+    help="Of a MESH file, Pa.",
+)
+@click.option(
+    "--pin",
+    type=click.Choice(["x", "y", "z"]),
+    default="y",
+    show_default=True,
+    help="A MESH file is pinned at its low end; with z gravity is along z too, else along y.",
+)
 @port_option
 @browser_option
 @until_closed_option

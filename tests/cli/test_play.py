@@ -14,6 +14,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from ldsim.cli.made_up import made_up
 from ldsim.cli.main import main
 from ldsim.settings import load_settings, resolve_path
 from tests.cli.experiments import TINY, refused
@@ -140,6 +141,16 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output
     assert "exists already; give --config another name" in refusal(*arguments)
+
+
+@pytest.mark.parametrize(("axis", "gravity"), [("x", (0, -9.8, 0)), ("y", (0, -9.8, 0)), ("z", (0, 0, -9.8))])
+def test_a_solid_that_is_pinned_at_its_low_z_stands_on_it(
+    tmp_path: Path, axis: str, gravity: tuple[float, ...]
+) -> None:
+    source = tmp_path / "one.mesh"
+    source.write_text(ONE, encoding="utf-8")
+    settings = made_up(source, tmp_path / "one.yaml", 0.1, 1e5, axis, tmp_path / "m.csv")
+    assert settings.mesh.gravity == gravity
 
 
 def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> None:
