@@ -3,7 +3,8 @@
 For each finished run (make EXPERIMENT=x …): online error of its latent space and of linear ones on every motion,
 uninterrupted and restarted from the full space every 0.25 s; how many linear dimensions one latent one is worth; and,
 at poses of every motion, how far the forces of the decoded pose would move the solid. `--latent` trains other latent
-dimensions as well, with the settings of the run. Every space that is done is kept in `--kept` and not measured again
+dimensions as well, with the settings and the rehearsal of the run; `--linear` and `--motion` choose what is measured
+(each space and motion takes minutes). Every space that is done is kept in `--kept` and not measured again
 as long as the run has the same model; interrupted, it goes on with the next. `--pca` measures the streamed PCA against
 one in memory (250,000 × 1,000 float32). `--quick` takes 60 frames and three linear dimensions.
 Results of the given runs go to benchmarks/results/space.json, their frontiers to docs/pictures/space_RUN.svg.
@@ -85,16 +86,19 @@ def measure(folder: Path, given: argparse.Namespace) -> list[Row]:
         ]
         show(rows)
         latent = [("latent", size) for size in sorted({r, *given.latent}) if size <= k]
-        linear = [("linear", size) for size in (QUICK if given.quick else DIMENSIONS) if size <= k]
+        swept = given.linear or (QUICK if given.quick else DIMENSIONS)
+        linear = [("linear", size) for size in swept if size <= k]
+        motions = [name for name in solid.snapshots.names if name in (given.motion or solid.snapshots.names)]
+        part = "".join(f"-{motion}" for motion in given.motion)
         for kind, size in latent + linear:
 
             def one(kind: str = kind, size: int = size) -> list[Row]:
-                return measure_space(solid, getattr(Solid, kind)(solid, size), given.quick)
+                return measure_space(solid, getattr(Solid, kind)(solid, size), motions, given.quick)
 
-            found = kept(place / f"{name}-{kind}-{size}.json", one)
+            found = kept(place / f"{name}-{kind}-{size}{part}.json", one)
             show(found)
             rows += found
-        for motion in solid.snapshots.names:
+        for motion in motions:
             role = solid.snapshots.recorded(motion).role
             rows += worths(rows, name, f"{motion} ({role})", role == "heldout")
     return rows
@@ -134,6 +138,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="What the reduced space is worth, every element integrated.")
     parser.add_argument("runs", nargs="*", type=Path, help="folders of finished runs")
     parser.add_argument("--latent", type=int, action="append", default=[], help="also train this latent dimension")
+    parser.add_argument("--linear", type=int, action="append", help="only this linear dimension")
+    parser.add_argument("--motion", action="append", default=[], metavar="NAME", help="only this motion")
     parser.add_argument("--kept", type=Path, default=Path("runs/space"), help="where finished parts are kept")
     parser.add_argument("--pca", action="store_true", help="also the streamed PCA against one in memory")
     parser.add_argument("--quick", action="store_true", help="60 frames, three linear dimensions")

@@ -27,7 +27,7 @@ from ldsim.reduction.autoencoder import TrainingOptions, train
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
 from ldsim.reduction.pca import inner_product, leading_modes
-from ldsim.reduction.pose_stiffness import pose_forces, spread_frames
+from ldsim.reduction.pose_stiffness import spread_forces
 from ldsim.reduction.reconstruction import all_coordinates
 from ldsim.settings import TrainSettings
 
@@ -67,6 +67,7 @@ class Solid:
     header: Header
     settings: TrainSettings
     snapshots: Snapshots
+    rehearsed: Array
 
     def coordinates(self, names: list[str]) -> Array:
         """q of all frames of some motions, (N, k)."""
@@ -86,10 +87,13 @@ class Solid:
         settings, names = self.settings, self.snapshots.with_role("train")
         q, forces = self.coordinates(names), None
         if settings.equilibrium:
-            frames = spread_frames(len(q), settings.equilibrium_poses)
-            forces = pose_forces(self.scene, self.U, q, lambda: self.snapshots.chunks(names), frames, lambda: None)
+            forces = spread_forces(
+                *(self.scene, self.U, q, lambda: self.snapshots.chunks(names), self.rehearsed),
+                *(settings.equilibrium_poses, lambda: None),
+            )
         known = {field.name for field in fields(TrainingOptions)}
-        trained = train(q, r, TrainingOptions(**settings.model_dump(include=known)), forces=forces)
+        options = TrainingOptions(**settings.model_dump(include=known))
+        trained = train(np.concatenate([q, self.rehearsed]), r, options, forces=forces)
         return trained.decoder, trained.encoder
 
 
@@ -101,14 +105,15 @@ def opened(folder: Path) -> Iterator[Solid]:
     U = read_basis(folder / "basis.h5")[0].basis.U
     settings = TrainSettings.model_validate(yaml.safe_load(header.settings))
     with Snapshots(folder / "snapshots.h5") as snapshots:
-        yield Solid(folder.name, scene, U, (stored.decoder, stored.encoder), header, settings, snapshots)
+        rehearsed = np.empty((0, U.shape[1])) if stored.rehearsed is None else stored.rehearsed.astype(np.float64)
+        yield Solid(folder.name, scene, U, (stored.decoder, stored.encoder), header, settings, snapshots, rehearsed)
 
 
-def measure_space(solid: Solid, space: Space, quick: bool) -> list[Row]:
-    """Online errors, and what forces at decoded poses do, on every motion."""
+def measure_space(solid: Solid, space: Space, motions: list[str], quick: bool) -> list[Row]:
+    """Online errors, and what forces at decoded poses do, on some motions."""
     stepper, rows = space.stepper, []
     every = max(round(WINDOW / solid.scene.time_step), 1)
-    for motion in solid.snapshots.names:
+    for motion in motions:
         recorded = solid.snapshots.recorded(motion)
         frames = min(QUICK_FRAMES, recorded.motion.frames) if quick else recorded.motion.frames
         full, q = solid.snapshots.reader(motion)(0, frames), solid.coordinates([motion])[:frames]

@@ -24,7 +24,7 @@ from ldsim.reduction.autoencoder import Forces, Trained, TrainingOptions, train,
 from ldsim.reduction.latent_search import search
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import Chunks, inner_product
-from ldsim.reduction.pose_stiffness import pose_forces, rehearsed_forces, spread_frames
+from ldsim.reduction.pose_stiffness import spread_forces
 from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, reconstruction_error
 from ldsim.reduction.trust import fit_trust
 from ldsim.settings import TrainSettings
@@ -58,10 +58,10 @@ def command(run: Run) -> None:
             forces = None
             if settings.equilibrium:
                 a = lifting.all_coordinates([motions[name] for name in snapshots.with_role("train")])
-                frames = spread_frames(len(q) + len(rehearsed), settings.equilibrium_poses)
-                own, others = frames[frames < len(q)], frames[frames >= len(q)] - len(q)
-                forces = pose_forces(scene, U, q, chunks("train"), own, bar.update, lambda t: lifting.fields @ a[t])
-                forces = forces.joined(rehearsed_forces(scene, U, rehearsed, others, bar.update), len(q))
+                forces = spread_forces(
+                    *(scene, U, q, chunks("train"), rehearsed, settings.equilibrium_poses, bar.update),
+                    lambda t: lifting.fields @ a[t],
+                )
             every = np.concatenate([q, rehearsed])
             trainings = _Trainings(every, settings, forces, partial, bar)
             most = settings.tolerance_mm / 1e3

@@ -47,7 +47,9 @@ def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Er
     every size at once, in which more codes are never meant to be worse. Bisection over its sizes, which costs no
     training, finds the smallest that meets the tolerance. A training of its own for a size does better than the
     leading codes of a larger one, so the next smaller sizes are then trained: at most two. Where none of them holds,
-    the leading codes remain, which do.
+    the leading codes remain, which do. Where even all ordered codes miss the tolerance, one training of as many tells
+    how many times better its own trainings are, and the size at which the ordered codes are that many times off is
+    trained next.
 
     Args:
         k: outer dimension, the largest r.
@@ -61,56 +63,54 @@ def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Er
     """
     tried: list[tuple[int, float, float, bool]] = []
 
-    def attempt(size: int, own: bool) -> Trained | None:
+    def attempt(size: int, own: bool) -> tuple[Trained, float]:
         trained = train(size) if own else ordered(size)
-        largest, mean = error(trained)
-        tried.append((size, largest, mean, own))
-        return trained if largest <= tolerance else None
+        tried.append((size, *error(trained), own))
+        return trained, tried[-1][1]
 
     if r is not None:
-        trained = train(r)
-        largest, mean = error(trained)
-        return Searched(trained, *_table([(r, largest, mean, True)]), largest <= tolerance)
+        trained, largest = attempt(r, own=True)
+        return Searched(trained, *_table(tried), largest <= tolerance)
     most = min(k, ORDERED_CODES)
-    found = attempt(most, own=False)
-    if found is None:
-        beyond = _beyond(k, most, attempt, tried, tolerance)
-        return Searched(beyond, *_table(tried), True)
+    best, least = attempt(most, own=False)
+    left, better = TRAININGS, 1.0
+    if least > tolerance:
+        best, largest = attempt(most, own=True)
+        if largest > tolerance:
+            return Searched(_beyond(k, most, attempt, tried, tolerance), *_table(tried), True)
+        left, better = left - 1, least / largest
     low, high = 0, most
     while high - low > 1:
         middle = (low + high) // 2
-        smaller = attempt(middle, own=False)
-        low, high, found = (low, middle, smaller) if smaller is not None else (middle, high, found)
-    best: Trained = found
-    size = high - 1 if high > 1 else high
-    for _ in range(TRAININGS):
-        trained_here = attempt(size, own=True)
-        best = best if trained_here is None else trained_here
-        following = size - 1 if trained_here is not None else size + 1
-        if following < 1 or following > high or any(entry[0] == following and entry[3] for entry in tried):
-            break
-        size = following
+        smaller, largest = attempt(middle, own=False)
+        low, high = (low, middle) if largest <= better * tolerance else (middle, high)
+        best = smaller if largest <= tolerance else best
+    size = high - 1 if high > 1 and better == 1.0 else high
+    while left and 1 <= size <= high and not any(entry[0] == size and entry[3] for entry in tried):
+        trained, largest = attempt(size, own=True)
+        best = trained if largest <= tolerance else best
+        size = size - 1 if largest <= tolerance else size + 1
+        left -= 1
     return Searched(best, *_table(tried), True)
 
 
 def _beyond(
     k: int,
     size: int,
-    attempt: Callable[[int, bool], Trained | None],
+    attempt: Callable[[int, bool], tuple[Trained, float]],
     tried: list[tuple[int, float, float, bool]],
     tolerance: float,
 ) -> Trained:
-    """Where the ordered codes do not suffice: sizes of their own, each half as large again."""
-    while True:
-        trained = attempt(size, True)
-        if trained is not None:
-            return trained
-        if size == k:
-            raise SolverError(
-                f"no latent dimension up to k = {k} brings the vertex error below {1e3 * tolerance:g} mm (the least is "
-                f"{1e3 * min(entry[1] for entry in tried):.3g} mm); raise train.tolerance_mm or pca.k"
-            )
+    """Where as many codes as are ordered do not suffice: sizes of their own, each half as large again."""
+    while size < k:
         size = min(k, size + size // 2 + 1)
+        trained, largest = attempt(size, True)
+        if largest <= tolerance:
+            return trained
+    raise SolverError(
+        f"no latent dimension up to k = {k} brings the vertex error below {1e3 * tolerance:g} mm (the least is "
+        f"{1e3 * min(entry[1] for entry in tried):.3g} mm); raise train.tolerance_mm or pca.k"
+    )
 
 
 def _table(tried: list[tuple[int, float, float, bool]]) -> tuple[Array, NDArray[np.bool_]]:

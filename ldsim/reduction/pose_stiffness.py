@@ -23,16 +23,6 @@ def spread_frames(total: int, count: int) -> NDArray[np.int64]:
     return frames
 
 
-def rehearsed_forces(
-    scene: Scene, U: Array, q: Array, frames: NDArray[np.int64], progress: Callable[[], object]
-) -> Forces:
-    """`pose_forces` of poses that are U q themselves, with all pins at rest; q is (N, k)."""
-    n = scene.mesh.n_vertices
-    poses = ((U @ q[t]).reshape(1, n, 3) for t in frames)
-    found = pose_forces(scene, U, q[frames], lambda: poses, np.arange(len(frames)), progress)
-    return Forces(frames, found.stiffness, found.excess)
-
-
 def pose_forces(
     scene: Scene,
     U: Array,
@@ -83,3 +73,33 @@ def pose_forces(
             progress()
         start += len(chunk)
     return Forces(frames, stiffness, excess)
+
+
+def spread_forces(
+    scene: Scene,
+    U: Array,
+    q: Array,
+    chunks: Chunks,
+    rehearsed: Array,
+    count: int,
+    progress: Callable[[], object],
+    lifted: Callable[[int], Array] | None = None,
+) -> Forces:
+    """`pose_forces` of at most `count` poses, spread evenly over the snapshots and the rehearsed frames after them.
+
+    Args:
+        rehearsed: coordinates of poses that are U q themselves, with all pins at rest, (f, k); their rows are those
+            from len(q) on.
+    """
+    n = scene.mesh.n_vertices
+    frames = spread_frames(len(q) + len(rehearsed), count)
+    own, others = frames[frames < len(q)], frames[frames >= len(q)]
+    chosen = rehearsed[others - len(q)]
+    poses = ((U @ row).reshape(1, n, 3) for row in chosen)
+    recorded = pose_forces(scene, U, q, chunks, own, progress, lifted)
+    added = pose_forces(scene, U, chosen, lambda: poses, np.arange(len(others)), progress)
+    return Forces(
+        frames,
+        np.concatenate([recorded.stiffness, added.stiffness]),
+        np.concatenate([recorded.excess, added.excess]),
+    )

@@ -99,6 +99,21 @@ def test_a_given_size_is_trained_once_and_says_whether_it_met_the_tolerance() ->
     assert trainings.trained == [5, 8]
 
 
+@pytest.mark.parametrize("alone", [3, 6, 11, 18, 24])
+def test_where_all_ordered_codes_miss_it_their_own_training_tells_which_size_to_train(alone: int) -> None:
+    """Own errors are 1/r, those of the ordered codes ten times as large."""
+
+    class Falling(Counted):
+        def error(self, trained: Trained) -> tuple[float, float]:
+            return (1.0 if trained.decoder.weights[0].any() else 10.0) / trained.decoder.r, 0.0
+
+    trainings = Falling(60, alone, 61)
+    found = search(60, None, trainings.train, trainings.leading, trainings.error, tolerance=1.0 / alone + 1e-9)
+    assert found.trained.decoder.r == alone
+    assert found.met
+    assert len(trainings.trained) <= TRAININGS
+
+
 def test_beyond_the_ordered_codes_sizes_grow_until_one_holds() -> None:
     trainings = Counted(60, alone=40, among=61)
     assert trainings.search().trained.decoder.r >= 40

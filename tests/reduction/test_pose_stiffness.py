@@ -9,7 +9,7 @@ from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mesh.shapes import beam
 from ldsim.reduction.autoencoder import Forces
 from ldsim.reduction.pca import coordinates, orthonormalised
-from ldsim.reduction.pose_stiffness import pose_forces, spread_frames
+from ldsim.reduction.pose_stiffness import pose_forces, spread_forces, spread_frames
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -58,3 +58,22 @@ def test_chunks_of_any_size_give_the_same() -> None:
     whole, pieces = found(len(POSES))[0], found(3)[0]
     np.testing.assert_array_equal(whole.stiffness, pieces.stiffness)
     np.testing.assert_array_equal(whole.excess, pieces.excess)
+
+
+def test_rehearsed_poses_come_after_the_snapshots_and_have_no_excess() -> None:
+    q = coordinates(BODY.mass, U, POSES)
+    rehearsed = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(q).max()
+    calls: list[None] = []
+    forces = spread_forces(BODY, U, q, lambda: [POSES], rehearsed, 7, lambda: calls.append(None))
+    np.testing.assert_array_equal(forces.frames, spread_frames(len(q) + 20, 7))
+    assert len(calls) == 7
+    recorded = forces.frames < len(q)
+    assert 0 < recorded.sum() < 7
+    alone = pose_forces(BODY, U, q, lambda: [POSES], forces.frames[recorded], lambda: None)
+    np.testing.assert_array_equal(forces.stiffness[recorded], alone.stiffness)
+    np.testing.assert_array_equal(forces.excess[recorded], alone.excess)
+    assert np.abs(forces.excess[~recorded]).max() < 1e-9 * np.abs(forces.excess[recorded]).max()
+    for frame, stiffness in zip(forces.frames[~recorded], forces.stiffness[~recorded], strict=True):
+        pose = (rehearsed[frame - len(q)] @ U.T)[None]
+        there = pose_forces(BODY, U, rehearsed[[frame - len(q)]], lambda pose=pose: [pose], np.array([0]), lambda: None)
+        np.testing.assert_array_equal(stiffness, there.stiffness[0])

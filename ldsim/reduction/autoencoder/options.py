@@ -64,14 +64,6 @@ class Forces:
     stiffness: Array
     excess: Array
 
-    def joined(self, others: Forces, start: int) -> Forces:
-        """These and those of other poses, whose rows of q begin at `start`."""
-        return Forces(
-            np.concatenate([self.frames, others.frames + start]),
-            np.concatenate([self.stiffness, others.stiffness]),
-            np.concatenate([self.excess, others.excess]),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Trained:
