@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
-# Cubature is judged by the forces of decoded poses, so a short training without the force loss serves.
-TRAINING = {"epochs": 400, "equilibrium": 0.0}
+# Cubature is judged by the forces of decoded poses, so a short training without the force loss and rehearsal serves.
+TRAINING = {"epochs": 400, "equilibrium": 0.0, "rehearsal": None}
 STAGES = {"mesh": "scene", "snapshot": "snapshots", "pca": "basis", "train": "model"}
 
 
