@@ -127,10 +127,11 @@ def main() -> None:
             for part in (play, playground):
                 rows += part(tab, run)
     for r in rows:
-        print(
-            f"{r['model']}: {r['quantity']} = {r['value']} {r['unit']}" + (f" (goal {r['goal']})" if r["goal"] else "")
-        )
-    print(write_results("browser", "python benchmarks/browser.py " + " ".join(map(str, given.runs)), rows))
+        goal = f" (goal {r['goal']})" if r["goal"] else ""
+        value = f"{r['value']:.3g}" if isinstance(r["value"], float) else r["value"]
+        print(f"{r['model']}: {r['quantity']} = {value} {r['unit']}{goal}")
+    command = "python benchmarks/browser.py " + " ".join(f"runs/{run.name}" for run in given.runs)
+    print(write_results("browser", command, rows))
 
 
 if __name__ == "__main__":
