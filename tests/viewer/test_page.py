@@ -147,7 +147,9 @@ def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, 
     tab.mouse("mouseMoved", to, shift=True)
     tab.mouse("mouseReleased", to, shift=True)
     tab.wait("ldsim.grabs === 1")
+    drawn = tab.evaluate("ldsim.drawn")
     time.sleep(0.3)
+    tab.wait(f"ldsim.drawn > {drawn} + 2")  # the ball is clicked where it is drawn
     assert tab.evaluate("ldsim.grabs") == 1
     tab.mouse("mousePressed", to)
     tab.mouse("mouseReleased", to)
