@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, inner, value_gradient
 from ldsim.dynamics.reduced_tangent import add_spring_metric, current_tangent, rest_metric
-from ldsim.reduction.decoder import decode, decode_jacobian
+from ldsim.reduction.decoder import REASSOCIATE, decode, decode_jacobian
 from ldsim.solvers.lbfgs import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
 from ldsim.solvers.solution import Reason
 
@@ -111,6 +111,16 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, 
             _solve_cholesky(work.hessian, H[a])
 
 
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _multiply(H: Array, x: Array, out: Array) -> None:
+    """out = H x."""
+    for i in range(H.shape[0]):
+        total = 0.0
+        for j in range(H.shape[1]):
+            total += H[i, j] * x[j]
+        out[i] = total
+
+
 @njit(cache=True, nogil=True)
 def _direction(H: Array, newest: int, count: int, work: Work) -> float:
     """Writes the quasi-Newton direction into work.d; returns its slope g·d."""
@@ -118,8 +128,7 @@ def _direction(H: Array, newest: int, count: int, work: Work) -> float:
     for i in range(d.shape[0]):
         half[i] = -work.g[i]
     backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, half)
-    for i in range(d.shape[0]):
-        d[i] = inner(H[i], half)
+    _multiply(H, half, d)
     forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
     return inner(work.g, d)
 
@@ -227,13 +236,12 @@ def _update(H: Array, z: Array, work: Work) -> None:
     sy = _pair(z, s, y, work)
     if sy <= 0.0:
         return
-    for i in range(s.shape[0]):
-        Hy[i] = inner(H[i], y)
+    _multiply(H, y, Hy)
     scale = (1.0 + inner(y, Hy) / sy) / sy
     for i in range(s.shape[0]):
-        a, b, row = scale * s[i] - Hy[i] / sy, s[i] / sy, H[i]
+        a, b = scale * s[i] - Hy[i] / sy, s[i] / sy
         for j in range(s.shape[0]):
-            row[j] += a * s[j] - b * Hy[j]
+            H[i, j] += a * s[j] - b * Hy[j]
 
 
 @njit(cache=True, nogil=True)

@@ -167,7 +167,7 @@ class ReducedStepper:
         self._renewal_cost = RENEWAL_COST[method]
         renewal = RENEWAL[method] if current else max_iterations
         self._options = Options(tolerance, max_iterations, int(method), current, renewal)
-        self._work = make_work(decoder)
+        self._work = make_work(decoder, len(points))
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
         self._reference = model_reference(self._model, self._options, self._work)

@@ -17,8 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import energy_stress
-from ldsim.mechanics.materials.tensors import Matrix
+from ldsim.mechanics.materials import weighted_stresses
 from ldsim.reduction.decoder import REASSOCIATE, Decoder, Layers, decode, decode_vjp
 
 Array = NDArray[np.float64]
@@ -73,6 +72,7 @@ class Work(NamedTuple):
     hessian: Array
     directions: Array
     stressed: Array
+    strain: Array
     S: Array
     Y: Array
     rho: Array
@@ -80,8 +80,8 @@ class Work(NamedTuple):
     Hy: Array
 
 
-def make_work(decoder: Decoder) -> Work:
-    """Scratch memory for one instance of a decoder."""
+def make_work(decoder: Decoder, points: int) -> Work:
+    """Scratch memory for one instance of a decoder and a number of cubature points."""
     r, k, hidden = decoder.r, decoder.k, decoder.hidden_size
     return Work(
         hidden=np.zeros(hidden),
@@ -98,6 +98,7 @@ def make_work(decoder: Decoder) -> Work:
         hessian=np.zeros((r, r)),
         directions=np.zeros((9, r)),
         stressed=np.zeros((9, r)),
+        strain=np.zeros((9, points)),
         S=np.zeros((WINDOW, r)),
         Y=np.zeros((WINDOW, r)),
         rho=np.zeros(WINDOW),
@@ -115,67 +116,52 @@ def inner(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def contract(rows: Array, x: Array) -> Matrix:
-    """The nine products of the rows (9, k) with x (k,), in one pass."""
-    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
-    for j in range(x.shape[0]):
-        v = x[j]
-        a += A[j] * v
-        b += B[j] * v
-        c += C[j] * v
-        d += D[j] * v
-        e += E[j] * v
-        f += F[j] * v
-        g += G[j] * v
-        h += H[j] * v
-        i += I[j] * v
-    return a, b, c, d, e, f, g, h, i
+def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
+    """strain (9, c) = G_s q of every point, with what moving pins add."""
+    # no views of G: each would count references, which costs more than its row
+    for s in range(G.shape[0]):
+        a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for j in range(G.shape[2]):
+            v = q[j]
+            a += G[s, 0, j] * v
+            b += G[s, 1, j] * v
+            c += G[s, 2, j] * v
+            d += G[s, 3, j] * v
+            e += G[s, 4, j] * v
+            f += G[s, 5, j] * v
+            g += G[s, 6, j] * v
+            h += G[s, 7, j] * v
+            i += G[s, 8, j] * v
+        strain[0, s], strain[1, s], strain[2, s] = a, b, c
+        strain[3, s], strain[4, s], strain[5, s] = d, e, f
+        strain[6, s], strain[7, s], strain[8, s] = g, h, i
+    for s in range(lifted.shape[0]):
+        for e in range(9):
+            strain[e, s] += lifted[s, e]
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def combine(rows: Array, p: Matrix, out: Array) -> None:
-    """out += Σ p_e rows_e over the nine rows, in one pass."""
-    a, b, c, d, e, f, g, h, i = p
-    A, B, C, D, E, F, G, H, I = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7], rows[8]
-    for j in range(out.shape[0]):
-        out[j] += a * A[j] + b * B[j] + c * C[j] + d * D[j] + e * E[j] + f * F[j] + g * G[j] + h * H[j] + i * I[j]
+def add_forces(G: Array, stress: Array, force: Array) -> None:
+    """force += Σ G_sᵀ P_s for the stresses (9, c)."""
+    for s in range(G.shape[0]):
+        a, b, c, d, e = stress[0, s], stress[1, s], stress[2, s], stress[3, s], stress[4, s]
+        f, g, h, i = stress[5, s], stress[6, s], stress[7, s], stress[8, s]
+        for j in range(G.shape[2]):
+            force[j] += (
+                ((a * G[s, 0, j] + b * G[s, 1, j]) + (c * G[s, 2, j] + d * G[s, 3, j]))
+                + ((e * G[s, 4, j] + f * G[s, 5, j]) + (g * G[s, 6, j] + h * G[s, 7, j]))
+                + i * G[s, 8, j]
+            )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
-def deformation(G: Array, q: Array, lifted: Array, s: int) -> Matrix:
-    """F = I + G_s q of point s, with what moving pins add."""
-    a, b, c, d, e, f, g, h, i = contract(G, q)
-    if lifted.shape[0] > 0:
-        L = lifted[s]
-        return (
-            1.0 + a + L[0],
-            b + L[1],
-            c + L[2],
-            d + L[3],
-            1.0 + e + L[4],
-            f + L[5],
-            g + L[6],
-            h + L[7],
-            1.0 + i + L[8],
-        )
-    return 1.0 + a, b, c, d, 1.0 + e, f, g, h, 1.0 + i
-
-
-@njit(cache=True, nogil=True)
-def _add_elastic(model: Reduced, q: Array, force: Array) -> float:
-    """Energy of all points; adds Σ w_s G_sᵀ P_s to `force`. One point at a time, so that its G is read once."""
-    total = 0.0
-    for s in range(model.weights.shape[0]):
-        G, w = model.G[s], model.weights[s]
-        F = deformation(G, q, model.lifted, s)
-        density, P = energy_stress(model.kind[s], F, model.mu[s], model.lam[s])
-        if not density < math.inf:
-            return math.inf
-        total += w * density
-        a, b, c, d, e, f, g, h, i = P
-        combine(G, (w * a, w * b, w * c, w * d, w * e, w * f, w * g, w * h, w * i), force)
-    return total
+def _add_elastic(model: Reduced, q: Array, strain: Array, force: Array) -> float:
+    """Energy of all points; adds Σ w_s G_sᵀ P_s to `force` where it is finite."""
+    strains(model.G, q, model.lifted, strain)
+    value = weighted_stresses(model.kind, strain, model.weights, model.mu, model.lam)
+    if value < math.inf:
+        add_forces(model.G, strain, force)
+    return value
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +193,7 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
         force[j] = momentum - model.force[j]
         value += 0.5 * offset[j] * momentum - model.force[j] * q[j]
     value += _add_springs(springs, q, force)
-    value += _add_elastic(model, q, force)
+    value += _add_elastic(model, q, work.strain, force)
     if value < math.inf:
         decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
     return value

@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, combine, contract, deformation, inner
-from ldsim.mechanics.materials import tangent
+from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, inner, strains
+from ldsim.mechanics.materials import deformation, tangent
 from ldsim.mechanics.materials.tensors import Matrix, Symmetric
+from ldsim.reduction.decoder import REASSOCIATE
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,38 @@ def rest_metric(model: Reduced, work: Work) -> None:
         _project_metric(model.metric, work.jacobian, work.product, work.hessian)
 
 
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _directional(G: Array, s: int, J: Array, a: int) -> Matrix:
+    """G_s J_a: the strain of point s along direction a."""
+    b, c, d, e, f, g, h, i, j = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(G.shape[2]):
+        v = J[a, n]
+        b += G[s, 0, n] * v
+        c += G[s, 1, n] * v
+        d += G[s, 2, n] * v
+        e += G[s, 3, n] * v
+        f += G[s, 4, n] * v
+        g += G[s, 5, n] * v
+        h += G[s, 6, n] * v
+        i += G[s, 7, n] * v
+        j += G[s, 8, n] * v
+    return b, c, d, e, f, g, h, i, j
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _add_products(X: Array, T: Array, H: Array) -> None:
+    """H += Tᵀ X for X, T (9, r)."""
+    for a in range(H.shape[0]):
+        t0, t1, t2, t3, t4 = T[0, a], T[1, a], T[2, a], T[3, a], T[4, a]
+        t5, t6, t7, t8 = T[5, a], T[6, a], T[7, a], T[8, a]
+        for b in range(H.shape[0]):
+            H[a, b] += (
+                ((t0 * X[0, b] + t1 * X[1, b]) + (t2 * X[2, b] + t3 * X[3, b]))
+                + ((t4 * X[4, b] + t5 * X[5, b]) + (t6 * X[6, b] + t7 * X[7, b]))
+                + t8 * X[8, b]
+            )  # fmt: skip
+
+
 @njit(cache=True, nogil=True)
 def current_tangent(model: Reduced, work: Work) -> None:
     """hessian = Jᵀ (M̃/h² + Σ w Gᵀ ∂²Ψ/∂F² G) J at work.q, eigenvalues clamped at every point.
@@ -61,19 +94,21 @@ def current_tangent(model: Reduced, work: Work) -> None:
         H[:] = 0.0
         for a in range(r):
             H[a, a] = model.inertia[0, a]
+    G = model.G
+    strains(G, work.q, model.lifted, work.strain)
     for s in range(model.weights.shape[0]):
-        G = model.G[s]
-        F = deformation(G, work.q, model.lifted, s)
+        F = deformation(work.strain, s)
         U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
         for a in range(r):
             if identity:
-                x = (G[0, a], G[1, a], G[2, a], G[3, a], G[4, a], G[5, a], G[6, a], G[7, a], G[8, a])
+                x = (
+                    G[s, 0, a], G[s, 1, a], G[s, 2, a], G[s, 3, a], G[s, 4, a],
+                    G[s, 5, a], G[s, 6, a], G[s, 7, a], G[s, 8, a]
+                )  # fmt: skip
             else:
-                x = contract(G, J[a])
+                x = _directional(G, s, J, a)
             _stress_direction(U, V, D, O, model.weights[s], x, X, T, a)
-        for a in range(r):
-            t = (T[0, a], T[1, a], T[2, a], T[3, a], T[4, a], T[5, a], T[6, a], T[7, a], T[8, a])
-            combine(X, t, H[a])
+        _add_products(X, T, H)
 
 
 @njit(cache=True, nogil=True)

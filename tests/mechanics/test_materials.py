@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import MATERIALS, energy, energy_stress, lame_parameters, tangent
+from ldsim.mechanics.materials import MATERIALS, energy, energy_stress, lame_parameters, tangent, weighted_stresses
 from tests.helpers import STEPS, derivative_order, order, random_rotation
 
 Array = NDArray[np.float64]
@@ -196,3 +196,24 @@ def test_lame_parameters_give_back_youngs_modulus_and_poissons_ratio() -> None:
     mu, lam = lame_parameters(2e5, 0.3)
     assert mu * (3 * lam + 2 * mu) / (lam + mu) == pytest.approx(2e5, rel=1e-14)
     assert lam / (2 * (lam + mu)) == pytest.approx(0.3, rel=1e-14)
+
+
+@pytest.mark.parametrize("kinds", [[kind] for kind in MATERIALS.values()] + [sorted(MATERIALS.values())])
+def test_many_points_at_once_are_the_points_one_by_one(kinds: list[int]) -> None:
+    count = 11
+    rng = np.random.default_rng(5)
+    kind = np.resize(np.array(kinds, dtype=np.int8), count)
+    w, mu, lam = rng.uniform(0.5, 2, (3, count))
+    F = [strained(seed) for seed in range(count)]
+    strain = np.ascontiguousarray(np.array([X - I for X in F]).reshape(count, 9).T)
+    total = weighted_stresses(kind, strain, w, mu, lam)
+    each = [energy_stress(kind[s], tuple(F[s].ravel()), mu[s], lam[s]) for s in range(count)]
+    assert total == pytest.approx(sum(w[s] * each[s][0] for s in range(count)), rel=1e-13)
+    expected = np.array([w[s] * np.array(each[s][1]) for s in range(count)]).T
+    np.testing.assert_allclose(strain, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_one_inverted_point_among_many_makes_the_energy_infinite() -> None:
+    strain = np.zeros((9, 3))
+    strain[0, 1] = -1.5
+    assert weighted_stresses(np.zeros(3, dtype=np.int8), strain, np.ones(3), np.ones(3), np.ones(3)) == np.inf

@@ -12,6 +12,7 @@ from ldsim.mechanics.materials.tensors import (
     clamped_symmetric,
     cofactor,
     determinant,
+    inverse_cube_root,
     signed_svd,
     squared_norm,
     symmetric_eigen,
@@ -120,3 +121,9 @@ def test_clamped_symmetric_is_the_nearest_positive_semidefinite_matrix(F: Array)
     np.testing.assert_allclose(clamped, nearest, rtol=0, atol=1e-13 * max(np.abs(S).max(), 1e-300))
     if values.min() > 0:
         np.testing.assert_array_equal(clamped, S)
+
+
+@pytest.mark.parametrize("exponent", range(-30, 31, 3))
+def test_the_inverse_cube_root_is_exact_but_for_rounding(exponent: int) -> None:
+    for x in 10.0**exponent * np.random.default_rng(exponent + 30).uniform(1, 1000, 20):
+        assert inverse_cube_root(x) == pytest.approx(1 / np.cbrt(x), rel=1e-15)

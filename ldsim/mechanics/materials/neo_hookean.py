@@ -10,28 +10,36 @@ import math
 
 from numba import njit
 
-from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, combination, determinant, squared_norm
+from ldsim.mechanics.materials.tensors import (
+    Matrix,
+    Principal,
+    cofactor,
+    combination,
+    determinant,
+    inverse_cube_root,
+    squared_norm,
+)
 
 
 @njit(cache=True, inline="always")
 def energy(F: Matrix, mu: float, lam: float) -> float:
     J = determinant(F)
-    if J <= 0.0:
-        return math.inf
-    return 0.5 * mu * (math.pow(J, -2.0 / 3.0) * squared_norm(F) - 3.0) + 0.5 * lam * (J - 1.0) ** 2
+    root = inverse_cube_root(J)
+    density = 0.5 * mu * (root * root * squared_norm(F) - 3.0) + 0.5 * lam * (J - 1.0) ** 2
+    return density if J > 0.0 else math.inf
 
 
 @njit(cache=True, inline="always")
 def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
-    """Ψ and P = μ J^(−2/3) F + (λ (J − 1) − μ J^(−2/3) I₁ / 3J) cof F."""
+    """Ψ and P = μ J^(−2/3) F + (λ (J − 1) − μ J^(−5/3) I₁ / 3) cof F; for J ≤ 0 P is of no meaning."""
     J = determinant(F)
-    if J <= 0.0:
-        return math.inf, F
     I1 = squared_norm(F)
-    shear = mu * J ** (-2.0 / 3.0)
-    pressure = lam * (J - 1.0) - shear * I1 / (3.0 * J)
+    root = inverse_cube_root(J)
+    shear = mu * root * root
+    pressure = lam * (J - 1.0) - shear * I1 * (root * root * root) / 3.0
     P = combination(shear, F, pressure, cofactor(F))
-    return 0.5 * (shear * I1 - 3.0 * mu) + 0.5 * lam * (J - 1.0) ** 2, P
+    density = 0.5 * (shear * I1 - 3.0 * mu) + 0.5 * lam * (J - 1.0) ** 2
+    return density if J > 0.0 else math.inf, P
 
 
 @njit(cache=True, inline="always")
