@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from results_file import write_results
+from tqdm import trange
 
 from ldsim.simulator import SPACES, Handle, Simulator, load
 from ldsim.simulator.simulator import BOUND
@@ -32,7 +33,7 @@ def soak(simulator: Simulator, rng: np.random.Generator, steps: int) -> float:
     scene, farthest = simulator.scene, 0.0
     movable, diagonal = scene.mesh.vertices[scene.free], scene.mesh.diagonal
     handles: list[Handle] = []
-    for _ in range(0, steps, 10):
+    for _ in trange(0, steps, 10, unit_scale=10, unit="step", mininterval=5):
         if handles and rng.random() < 0.5:
             handles.pop(int(rng.integers(len(handles)))).release()
         if len(handles) < 3 and rng.random() < 0.6:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.advance import advance, model_reference, springs_reference
 from ldsim.dynamics.reduced import Method, Options
-from ldsim.dynamics.reduced_potential import Reduced, Springs, make_work
+from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, make_work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -172,6 +172,11 @@ class ReducedStepper:
         self._springs = self._make_springs([])
         self._reference = model_reference(self._model, self._options, self._work)
         self._springs_reference = springs_reference(self._springs)
+
+    @property
+    def compiled(self) -> tuple[Reduced, Springs, Work]:
+        """What the kernels of `reduced_potential` read: the model, the springs of the last step, scratch memory."""
+        return self._model, self._springs, self._work
 
     def _lift(self, scene: Scene, U: Array, fields: Array, points: NDArray[np.int64]) -> None:
         """What the steps need of L: its strain at the points, (c, 9, l), UᵀML/h², (k, l), and itself by vertex."""
