@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 # Iterations that making the current tangent costs, and after which a step gives its preconditioner up. BFGS mends its
 # preconditioner by itself.
-RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 15, Method.NEWTON: 0}
+RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 30, Method.NEWTON: 0}
 REASONS = {int(reason): reason for reason in Reason}
 RENEWAL = {Method.LBFGS: 12, Method.BFGS: 25, Method.NEWTON: 1}
 

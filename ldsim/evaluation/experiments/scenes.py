@@ -120,7 +120,7 @@ def dragon(quick: bool) -> Configuration:
         return _configuration("dragon", mesh, [_recorded("dragon")], {"r": 11}, 29)
     mesh = _solid(1e5, pins, file=f"{MESHES}dragon_6216.mesh")
     return _configuration(
-        "paper-dragon", mesh, [_recorded("dragon", 150)], {"r": 11} | QUICK_TRAINING, 29, QUICK_CUBATURE
+        "paper-dragon", mesh, [_recorded("dragon", 200)], {"r": 11} | QUICK_TRAINING, 29, QUICK_CUBATURE
     )
 
 
