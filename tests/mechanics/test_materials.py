@@ -186,6 +186,15 @@ def test_small_strains_agree_with_linear_elasticity_to_second_order(name: str) -
         assert order(gaps, STEPS) == pytest.approx(3, abs=0.1)
 
 
+@pytest.mark.parametrize("size", [1e-6, 1e-9, 1e-12])
+def test_the_papers_neo_hookean_has_an_exact_energy_next_to_rest(size: float) -> None:
+    H = size * np.random.default_rng(1).normal(size=(3, 3))
+    H = (I + H) - I  # what the sum keeps of it
+    strain = (H + H.T) / 2
+    linear = MU * (np.sum(strain**2) - np.trace(strain) ** 2 / 3) + LAM / 2 * np.trace(strain) ** 2
+    assert psi("neo_hookean", I + H) == pytest.approx(linear, rel=10 * size + 1e-15 / size, abs=0)
+
+
 def test_only_the_papers_neo_hookean_forbids_inversion() -> None:
     flipped = np.diag([1.0, 1.0, -1.0])
     assert {name for name in MATERIALS if np.isinf(psi(name, flipped))} == {"neo_hookean"}

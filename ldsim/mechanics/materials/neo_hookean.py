@@ -22,24 +22,36 @@ from ldsim.mechanics.materials.tensors import (
 
 
 @njit(cache=True, inline="always")
+def _invariants(F: Matrix) -> tuple[float, float, float, float]:
+    """I₁ = tr FᵀF, J − 1, J^(−1/3) and J^(−2/3) I₁ − 3, the second and last without cancellation near rest.
+
+    With H = F − I: I₁ − 3 = 2 tr H + |H|², J − 1 = tr H + ½ ((tr H)² − tr H²) + det H, and for y = J^(−1/3)
+    y − 1 = −(J − 1) y³ / (1 + y + y²).
+    """
+    a, b, c = F[0] - 1.0, F[4] - 1.0, F[8] - 1.0
+    trace = a + b + c
+    stretch = 2.0 * trace + squared_norm((a, F[1], F[2], F[3], b, F[5], F[6], F[7], c))
+    minors = (a * b - F[1] * F[3]) + (a * c - F[2] * F[6]) + (b * c - F[5] * F[7])
+    volume = trace + minors + determinant((a, F[1], F[2], F[3], b, F[5], F[6], F[7], c))
+    y = inverse_cube_root(1.0 + volume)
+    less_one = -volume * (y * y * y) / (1.0 + y + y * y)
+    return 3.0 + stretch, volume, y, 3.0 * (y + 1.0) * less_one + y * y * stretch
+
+
+@njit(cache=True, inline="always")
 def energy(F: Matrix, mu: float, lam: float) -> float:
-    J = determinant(F)
-    root = inverse_cube_root(J)
-    density = 0.5 * mu * (root * root * squared_norm(F) - 3.0) + 0.5 * lam * (J - 1.0) ** 2
-    return density if J > 0.0 else math.inf
+    _, volume, _, shape = _invariants(F)
+    return 0.5 * mu * shape + 0.5 * lam * volume * volume if volume > -1.0 else math.inf
 
 
 @njit(cache=True, inline="always")
 def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     """Ψ and P = μ J^(−2/3) F + (λ (J − 1) − μ J^(−5/3) I₁ / 3) cof F; for J ≤ 0 P is of no meaning."""
-    J = determinant(F)
-    I1 = squared_norm(F)
-    root = inverse_cube_root(J)
-    shear = mu * root * root
-    pressure = lam * (J - 1.0) - shear * I1 * (root * root * root) / 3.0
+    I1, volume, y, shape = _invariants(F)
+    shear = mu * y * y
+    pressure = lam * volume - shear * I1 * (y * y * y) / 3.0
     P = combination(shear, F, pressure, cofactor(F))
-    density = 0.5 * (shear * I1 - 3.0 * mu) + 0.5 * lam * (J - 1.0) ** 2
-    return density if J > 0.0 else math.inf, P
+    return 0.5 * mu * shape + 0.5 * lam * volume * volume if volume > -1.0 else math.inf, P
 
 
 @njit(cache=True, inline="always")
