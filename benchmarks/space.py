@@ -7,7 +7,7 @@ dimensions as well, with the settings and the rehearsal of the run; `--linear` a
 (each space and motion takes minutes). Every space that is done is kept in `--kept` and not measured again
 as long as the run has the same model; interrupted, it goes on with the next. `--pca` measures the streamed PCA against
 one in memory (250,000 × 1,000 float32). `--quick` takes 60 frames and three linear dimensions.
-Results of the given runs go to benchmarks/results/space.json, their frontiers to docs/pictures/space_RUN.svg.
+Results of each given run go to benchmarks/results/space_RUN.json, its frontier to docs/pictures/space_RUN.svg.
 """
 
 from __future__ import annotations
@@ -148,18 +148,21 @@ def main() -> None:
         parser.error("give the folder of a finished run, or --pca")
     print("| model | quantity | value | unit | goal |\n|---|---|---|---|---|")
     with one_thread():
-        rows = [found for folder in given.runs for found in measure(folder, given)]
+        for folder in given.runs:
+            record(folder.name, measure(folder, given), given.quick)
         if given.pca:
             name = f"pca{'-quick' if given.quick else ''}.json"
             found = kept(given.kept / name, lambda: measure_pca(given.quick))
             show(found)
-            rows += found
-    write_results(
-        "space_quick" if given.quick else "space", "python benchmarks/space.py " + " ".join(sys.argv[1:]), rows
-    )
-    if not given.quick:
-        for folder in given.runs:
-            (PICTURES / f"space_{folder.name}.svg").write_text(picture(rows, folder.name) + "\n", encoding="utf-8")
+            record("pca", found, given.quick)
+
+
+def record(name: str, rows: list[Row], quick: bool) -> None:
+    """Write the results of a run, or of the streamed PCA, and the frontier of a run."""
+    suffix = "_quick" if quick else ""
+    write_results(f"space_{name}{suffix}", "python benchmarks/space.py " + " ".join(sys.argv[1:]), rows)
+    if not quick and name != "pca":
+        (PICTURES / f"space_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

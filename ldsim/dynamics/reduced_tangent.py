@@ -45,21 +45,38 @@ def rest_metric(model: Reduced, work: Work) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
-def _directional(G: Array, s: int, J: Array, a: int) -> Matrix:
-    """G_s J_a: the strain of point s along direction a."""
-    b, c, d, e, f, g, h, i, j = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(G.shape[2]):
-        v = J[a, n]
-        b += G[s, 0, n] * v
-        c += G[s, 1, n] * v
-        d += G[s, 2, n] * v
-        e += G[s, 3, n] * v
-        f += G[s, 4, n] * v
-        g += G[s, 5, n] * v
-        h += G[s, 6, n] * v
-        i += G[s, 7, n] * v
-        j += G[s, 8, n] * v
-    return b, c, d, e, f, g, h, i, j
+def _put_strains(G: Array, s: int, J: Array, raw: Array) -> None:
+    """raw (9, r) = G_s Jᵀ: the strain of point s along every direction; two at a time, to load G less often."""
+    last = J.shape[0] - 1
+    for pair in range((J.shape[0] + 1) // 2):
+        a = 2 * pair
+        b = min(a + 1, last)
+        a0, a1, a2, a3, a4, a5, a6, a7, a8 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        b0, b1, b2, b3, b4, b5, b6, b7, b8 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for n in range(G.shape[2]):
+            v, w = J[a, n], J[b, n]
+            a0 += G[s, 0, n] * v
+            b0 += G[s, 0, n] * w
+            a1 += G[s, 1, n] * v
+            b1 += G[s, 1, n] * w
+            a2 += G[s, 2, n] * v
+            b2 += G[s, 2, n] * w
+            a3 += G[s, 3, n] * v
+            b3 += G[s, 3, n] * w
+            a4 += G[s, 4, n] * v
+            b4 += G[s, 4, n] * w
+            a5 += G[s, 5, n] * v
+            b5 += G[s, 5, n] * w
+            a6 += G[s, 6, n] * v
+            b6 += G[s, 6, n] * w
+            a7 += G[s, 7, n] * v
+            b7 += G[s, 7, n] * w
+            a8 += G[s, 8, n] * v
+            b8 += G[s, 8, n] * w
+        raw[0, a], raw[1, a], raw[2, a], raw[3, a], raw[4, a] = a0, a1, a2, a3, a4
+        raw[5, a], raw[6, a], raw[7, a], raw[8, a] = a5, a6, a7, a8
+        raw[0, b], raw[1, b], raw[2, b], raw[3, b], raw[4, b] = b0, b1, b2, b3, b4
+        raw[5, b], raw[6, b], raw[7, b], raw[8, b] = b5, b6, b7, b8
 
 
 @njit(cache=True, nogil=True, fastmath=REASSOCIATE)
@@ -99,39 +116,42 @@ def current_tangent(model: Reduced, work: Work) -> None:
     for s in range(model.weights.shape[0]):
         F = deformation(work.strain, s)
         U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
-        for a in range(r):
-            if identity:
-                x = (
-                    G[s, 0, a], G[s, 1, a], G[s, 2, a], G[s, 3, a], G[s, 4, a],
-                    G[s, 5, a], G[s, 6, a], G[s, 7, a], G[s, 8, a]
-                )  # fmt: skip
-            else:
-                x = _directional(G, s, J, a)
-            _stress_direction(U, V, D, O, model.weights[s], x, X, T, a)
+        if identity:
+            T[:] = G[s]
+        else:
+            _put_strains(G, s, J, T)
+        _turn(U, V, T, X)
+        _put_stresses(D, O, model.weights[s], X, T)
         _add_products(X, T, H)
 
 
-@njit(cache=True, nogil=True)
-def _stress_direction(
-    U: Matrix, V: Matrix, D: Symmetric, O: Symmetric, w: float, x: Matrix, X: Array, T: Array, a: int
-) -> None:
-    """Columns a of X and T (9, r): the strain Uᵀ x V in the singular frame, and w times the tangent applied to it."""
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _turn(U: Matrix, V: Matrix, raw: Array, X: Array) -> None:
+    """X = Uᵀ raw V, column by column of raw and X (9, r), each a matrix row by row."""
     for p in range(3):
-        m0 = U[p] * x[0] + U[3 + p] * x[3] + U[6 + p] * x[6]
-        m1 = U[p] * x[1] + U[3 + p] * x[4] + U[6 + p] * x[7]
-        m2 = U[p] * x[2] + U[3 + p] * x[5] + U[6 + p] * x[8]
-        X[3 * p, a] = m0 * V[0] + m1 * V[3] + m2 * V[6]
-        X[3 * p + 1, a] = m0 * V[1] + m1 * V[4] + m2 * V[7]
-        X[3 * p + 2, a] = m0 * V[2] + m1 * V[5] + m2 * V[8]
-    T[0, a] = w * (D[0] * X[0, a] + D[3] * X[4, a] + D[4] * X[8, a])
-    T[4, a] = w * (D[3] * X[0, a] + D[1] * X[4, a] + D[5] * X[8, a])
-    T[8, a] = w * (D[4] * X[0, a] + D[5] * X[4, a] + D[2] * X[8, a])
-    T[1, a] = w * (O[0] * X[1, a] + O[3] * X[3, a])
-    T[3, a] = w * (O[0] * X[3, a] + O[3] * X[1, a])
-    T[2, a] = w * (O[1] * X[2, a] + O[4] * X[6, a])
-    T[6, a] = w * (O[1] * X[6, a] + O[4] * X[2, a])
-    T[5, a] = w * (O[2] * X[5, a] + O[5] * X[7, a])
-    T[7, a] = w * (O[2] * X[7, a] + O[5] * X[5, a])
+        u0, u1, u2 = U[p], U[3 + p], U[6 + p]
+        for a in range(X.shape[1]):
+            m0 = u0 * raw[0, a] + u1 * raw[3, a] + u2 * raw[6, a]
+            m1 = u0 * raw[1, a] + u1 * raw[4, a] + u2 * raw[7, a]
+            m2 = u0 * raw[2, a] + u1 * raw[5, a] + u2 * raw[8, a]
+            X[3 * p, a] = m0 * V[0] + m1 * V[3] + m2 * V[6]
+            X[3 * p + 1, a] = m0 * V[1] + m1 * V[4] + m2 * V[7]
+            X[3 * p + 2, a] = m0 * V[2] + m1 * V[5] + m2 * V[8]
+
+
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _put_stresses(D: Symmetric, O: Symmetric, w: float, X: Array, T: Array) -> None:
+    """T = w times the tangent applied to every column of X (9, r), both in the frame of the singular vectors."""
+    for a in range(X.shape[1]):
+        T[0, a] = w * (D[0] * X[0, a] + D[3] * X[4, a] + D[4] * X[8, a])
+        T[4, a] = w * (D[3] * X[0, a] + D[1] * X[4, a] + D[5] * X[8, a])
+        T[8, a] = w * (D[4] * X[0, a] + D[5] * X[4, a] + D[2] * X[8, a])
+        T[1, a] = w * (O[0] * X[1, a] + O[3] * X[3, a])
+        T[3, a] = w * (O[0] * X[3, a] + O[3] * X[1, a])
+        T[2, a] = w * (O[1] * X[2, a] + O[4] * X[6, a])
+        T[6, a] = w * (O[1] * X[6, a] + O[4] * X[2, a])
+        T[5, a] = w * (O[2] * X[5, a] + O[5] * X[7, a])
+        T[7, a] = w * (O[2] * X[7, a] + O[5] * X[5, a])
 
 
 @njit(cache=True, nogil=True)
