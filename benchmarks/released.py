@@ -64,9 +64,6 @@ def main(folder: Path) -> None:
     def away(u: Array, v: Array) -> float:
         return 1e3 * float(np.linalg.norm(u.reshape(-1, 3) - v.reshape(-1, 3), axis=1).mean())
 
-    def farthest(u: Array, v: Array) -> float:
-        return 1e3 * float(np.linalg.norm(u - v, axis=1).max())
-
     rows = [
         row(folder.name, "mean displacement of the full space's equilibrium", away(full.u, 0 * full.u), "mm"),
         row(folder.name, "gradient there", solved.gradient_norm, "N"),

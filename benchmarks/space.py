@@ -24,7 +24,7 @@ from results_file import write_results
 from space_parts import Row, Solid, measure_pca, measure_space, opened, row
 
 from ldsim.artefacts.store import file_hash
-from ldsim.evaluation.plotting import LATENT, LINEAR, new_axes, to_svg
+from ldsim.evaluation.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
 from ldsim.threads import one_thread
 
 HERE = Path(__file__).parent
@@ -118,7 +118,7 @@ def worths(rows: list[Row], name: str, motion: str, unseen: bool) -> list[Row]:
 
 def picture(rows: list[Row], name: str) -> str:
     """Online error against dimension, latent and linear, of training (dashed) and held-out motions."""
-    figure, ax = new_axes("dimension, r or k", f"online error, {name}")
+    figure, ax = new_axes("dimension, r or k", f"online error of {name}, %")
     own = [r for r in rows if r["model"] == name]
     start = "online error, "
     motions = dict.fromkeys(r["quantity"].split(", ")[1] for r in own if r["quantity"].startswith(start))
@@ -128,9 +128,17 @@ def picture(rows: list[Row], name: str) -> str:
             found = errors(own, motion, kind)
             if found:
                 sizes, values = zip(*found.items(), strict=True)
-                ax.plot(sizes, values, line, color=colour, label=f"{kind}, {motion}", marker="o", markersize=3)
-    ax.set_yscale("log")
-    ax.legend(frameon=False, fontsize=8, labelcolor="#23282f")
+                ax.plot(
+                    sizes,
+                    100 * np.array(values),
+                    line,
+                    color=colour,
+                    label=f"{kind}, {motion}",
+                    marker="o",
+                    markersize=3,
+                )
+    log_scale(ax, "y")
+    legend(ax)
     return to_svg(figure, f"Online error of {name} against the number of dimensions, latent and linear")
 
 

@@ -22,7 +22,7 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
 from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced, with_errors
-from ldsim.evaluation.plotting import LATENT, LINEAR, new_axes, to_svg
+from ldsim.evaluation.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
@@ -173,16 +173,20 @@ def ratios(model: str, table: list[Point], kp: int) -> list[dict[str, object]]:
 
 def picture(model: str, motion: str, table: list[Point]) -> str:
     """Online error against median step, every space and set measured, the frontier of each kind as a line."""
-    figure, ax = new_axes("median step, ms", f"online error, {model}, {motion}")
+    figure, ax = new_axes("median step, ms; numbers: dimension, points", f"online error on {motion}, %", height=3.6)
     for kind, colour in (("latent", LATENT), ("linear", LINEAR)):
-        own = sorted((p.median_ms, p.online_error, p) for p in table if p.space == kind and p.motion == motion)
-        ax.loglog([t for t, _, _ in own], [e for _, e, _ in own], "o", color=colour, markersize=4)
-        front = [(t, e) for i, (t, e, _) in enumerate(own) if all(e < other for _, other, _ in own[:i])]
-        ax.loglog(*zip(*front, strict=True), color=colour, label=kind)
-        for t, e, point in own:
+        own = sorted((p.median_ms, 100 * p.online_error, p) for p in table if p.space == kind and p.motion == motion)
+        front = [entry for i, entry in enumerate(own) if all(entry[1] < other[1] for other in own[:i])]
+        behind = [entry for entry in own if entry not in front]
+        ax.plot([t for t, _, _ in behind], [e for _, e, _ in behind], "o", color=colour, markersize=3, alpha=0.4)
+        ax.plot([t for t, _, _ in front], [e for _, e, _ in front], "o-", color=colour, label=kind, markersize=4)
+        for t, e, point in front:
+            place = (-4, -9) if kind == "latent" else (4, 3)
+            side = "right" if kind == "latent" else "left"
             label = f"{point.dimension}, {point.points}"
-            ax.annotate(label, (t, e), xytext=(4, 3), textcoords="offset points", fontsize=6, color=colour)
-    ax.legend(frameon=False, fontsize=8, labelcolor="#23282f", title="dimension, points", title_fontsize=8)
+            ax.annotate(label, (t, e), place, textcoords="offset points", fontsize=7, color=colour, ha=side)
+    log_scale(ax, "y")
+    legend(ax)
     return to_svg(figure, f"Online error on {motion} of {model} against the median time of a step, latent and linear")
 
 
