@@ -2,8 +2,8 @@
 
 A material is one file with three functions: `energy` Ψ(F), `energy_stress` (Ψ, P) and `principal`, the derivatives of
 Ψ in the principal stretches, from which the tangent follows for every isotropic material (Smith, de Goes and
-Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies"). It is added here in `MATERIALS` and in the three
-branches below, and is tested by being listed.
+Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies"). It is added here in `MATERIALS`, in the branches
+below and as a sum over points, and is tested by being listed.
 """
 
 from __future__ import annotations
