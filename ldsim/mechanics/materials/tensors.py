@@ -65,8 +65,8 @@ def squared_norm(A: Matrix) -> float:
 def inverse_cube_root(x: float) -> float:
     """x^(−1/3) for x > 0, to a few units in the last place; without a branch or a call. Any number elsewhere.
 
-    With b the bits of x, four thirds of those of 1 (a little less, to balance the error) minus b/3 = Σ b/4ⁱ are those of
-    a guess that is 3.4 % off at most; five steps of Newton's method on y⁻³ = x follow.
+    With b the bits of x, four thirds of those of 1 (a little less, to balance the error) minus b/3 = Σ b/4ⁱ are those
+    of a guess that is 3.4 % off at most; five steps of Newton's method on y⁻³ = x follow.
     """
     bits = np.float64(x).view(np.int64)
     third = (bits >> np.int64(2)) + (bits >> np.int64(4))
