@@ -54,32 +54,30 @@ def springs_reference(springs: Springs) -> Reference:
 def advance(
     model: Reference,
     springs: Reference,
-    z: Array,
-    z_previous: Array,
-    q: Array,
-    q_previous: Array,
-    guess: Array,
-    H: Array,
+    state: Array,
     renew: bool,
     new: Array,
 ) -> tuple[int, int, int, float, float]:
-    """One step of implicit Euler from two frames; see `reduced.step` for what is returned.
+    """One step of implicit Euler; see `reduced.step` for what is returned.
 
     Args:
-        z, z_previous, q, q_previous, guess, H: fields of a `ReducedState`; left as they are.
-        new: z, the next guess by quadratic extrapolation, q and H of the new state, one after the other,
-            (2r + k + r²,), overwritten.
+        state: `ReducedState.data`; left as it is.
+        new: that of the new state, its guess by quadratic extrapolation; overwritten.
     """
     reduced, options, work = model.content
-    r, k = z.shape[0], q.shape[0]
-    z_new, guess_new, q_new = new[:r], new[r : 2 * r], new[2 * r : 2 * r + k]
-    H_new = new[2 * r + k :].reshape(r, r)
-    z_new[:] = z
-    H_new[:] = H
+    r, k = work.g.shape[0], work.q.shape[0]
+    q, H = 3 * r, 3 * r + 2 * k
+    new[:r] = state[:r]
+    new[H:] = state[H:]
+    predictor = new[q : q + k]
     for j in range(k):
-        q_new[j] = 2.0 * q[j] - q_previous[j]
-    result = step(reduced, springs.content[0], q_new, guess, z_new, H_new, renew, options, work)
-    q_new[:] = work.q
+        predictor[j] = 2.0 * state[q + j] - state[q + k + j]
+    H_new = new[H:].reshape(r, r)
+    result = step(reduced, springs.content[0], predictor, state[2 * r : q], new[:r], H_new, renew, options, work)
     for i in range(r):
-        guess_new[i] = z_new[i] + 2.0 * (z_new[i] - z[i]) - (z[i] - z_previous[i])
+        new[r + i] = state[i]
+        new[2 * r + i] = new[i] + 2.0 * (new[i] - state[i]) - (state[i] - state[r + i])
+    for j in range(k):
+        new[q + j] = work.q[j]
+        new[q + k + j] = state[q + j]
     return result

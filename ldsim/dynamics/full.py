@@ -121,7 +121,7 @@ class FullStepper:
         else:
             excess += max(solution.iterations - fresh, 0)
         advanced = FullState(x.reshape(-1, 3), state.u, u_factor, fresh, excess)
-        return advanced, replace(solution, evaluations=solution.evaluations + guesses)
+        return advanced, solution._replace(evaluations=solution.evaluations + guesses)
 
     def worst_cell(self, state: FullState) -> str:
         """The most inverted cell of a state and what may help, in words."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Generic, TypeVar, final
 
 import numpy as np
@@ -109,7 +108,7 @@ class ReducedDynamics(Dynamics[ReducedState]):
         return ReducedState.moving(state.z, state.z, state.q, state.q)
 
     def renewed(self, state: ReducedState) -> ReducedState:
-        return replace(state, H=None, held=())
+        return state.renewed()
 
     def coordinates(self, state: ReducedState) -> Array:
         return state.q

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Reason(IntEnum):
@@ -24,8 +24,7 @@ class Reason(IntEnum):
         }[self]
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """The record of one minimisation.
 
     Attributes:

@@ -253,6 +253,22 @@ def test_a_step_depends_on_its_state_alone() -> None:
     np.testing.assert_array_equal(again.q, states[3].q)
 
 
+def test_a_step_leaves_its_state_as_it_was() -> None:
+    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    state = run(some, pull(TET), 3)[-1]
+    before = state.data.copy()
+    after, _ = some.step(state, pull(TET))
+    np.testing.assert_array_equal(state.data, before)
+    np.testing.assert_array_equal(after.z_previous, state.z)
+    np.testing.assert_array_equal(after.q_previous, state.q)
+
+
+def test_a_state_of_another_model_is_refused() -> None:
+    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    with pytest.raises(ValueError, match=r"has \(r, k\) = \(3, 6\); this stepper has \(4, 6\)"):
+        some.step(ReducedState.at_rest(curved(6, 3)), [])
+
+
 def test_with_no_gravity_and_no_grab_rest_stays_rest() -> None:
     still = scene(beam(resolution=1), gravity=(0.0, 0.0, 0.0))
     state = run(stepper(still, some_basis(still, 6), curved(6, 4)), [], 3)[-1]

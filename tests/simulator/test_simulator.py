@@ -115,7 +115,9 @@ def test_what_is_restored_must_be_of_this_space_and_sane() -> None:
     with pytest.raises(SolverError, match="has coordinates"):
         latent.restore(reduced(U=modes(BODY, 6), decoder=curved_decoder(6)).save())
     for bad in (np.nan, 1e6):
-        state = replace(linear.save().state, q=np.full(9, bad))
+        sane = linear.save().state
+        assert isinstance(sane, ReducedState)
+        state = ReducedState.moving(sane.z, sane.z_previous, np.full(9, bad), sane.q_previous)
         with pytest.raises(SolverError, match="not finite or more than"):
             linear.restore(replace(linear.save(), state=state))
 
@@ -146,7 +148,7 @@ class Reluctant(Dynamics[ReducedState]):
 
     def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
         advanced, solution = self._other.step(state, grabs)
-        return advanced, replace(solution, reason=self._reasons.pop(0)) if self._reasons else solution
+        return advanced, solution._replace(reason=self._reasons.pop(0)) if self._reasons else solution
 
     at_rest = still = renewed = coordinates = displacement = extent = change = None  # type: ignore[assignment]
 
