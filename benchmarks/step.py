@@ -1,8 +1,10 @@
-"""Error against step time of a finished run, the linear space swept: python benchmarks/step.py runs/x
+"""Error against step time of finished runs, the linear space swept: python benchmarks/step.py runs/x [runs_2/x …]
 
 Every linear space gets its own cubature, and besides its best set smaller ones of the same ladder; each space has the
-fastest of its minimisers. All are timed in one process, one thread, and judged on every motion of the run; a motion is
-stepped several times, and the least time of each of its steps counts, for other tenants of a machine only add time. The
+fastest of its minimisers, once with the stop rule of the paper and once with one that stops where the online error no
+longer notices. More runs of the same scene add their latent spaces: other r, k and widths. All are timed in one
+process, one thread, and judged on every motion of the first run, whole and restarted every 0.25 s; a motion is stepped
+several times, and the least time of each of its steps counts, for other tenants of a machine only add time. The
 frontier of each motion goes to docs/pictures/step_RUN_MOTION.svg. `--quick` takes three dimensions.
 """
 
@@ -10,19 +12,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from results_file import write_results
+from scipy.sparse import csr_array
+from step_frontier import Point, picture, ratios, rows
+from tqdm import tqdm
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
-from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced, with_errors
-from ldsim.evaluation.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
+from ldsim.evaluation.comparison import ReducedSpace, fastest, restarts_every, run_reduced, with_errors
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
@@ -39,29 +42,17 @@ from ldsim.threads import one_thread
 DIMENSIONS = (25, 30, 35, 40, 45, 50, 60)
 QUICK = (20, 30, 40)
 TOLERANCE = 0.03
-STOP = 1e-8
+# ‖∇E‖ ≤ stop · max(‖z‖, 1), N: the paper's, and one that costs less than a thousandth of the online error on x.
+STOPS = (1e-8, 1e-3)
+WINDOW = 0.25
 # Shares of a set's points that the smaller sets of its ladder have at most.
 SMALLER = (0.4, 0.65)
 REPEATS = 3
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
+HEADER = "| " + " | ".join(Point._fields) + " |\n" + "|---" * len(Point._fields) + "|"
 
 
-@dataclass(frozen=True)
-class Point:
-    """One space on one motion."""
-
-    space: str
-    motion: str
-    dimension: int
-    points: int
-    minimiser: str
-    median_ms: float
-    p99_ms: float
-    evaluations: float
-    online_error: float
-
-
-def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots) -> list[Point]:
+def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots, metric: csr_array, stop: float) -> list[Point]:
     """The space on every motion, with the minimiser that is fastest on the first."""
 
     def make(method: Method, current: bool) -> ReducedStepper:
@@ -71,7 +62,7 @@ def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots) -> list[Poi
             space.decoder,
             space.cubature.points,
             space.cubature.weights,
-            tolerance=STOP,
+            tolerance=stop,
             max_iterations=200,
             method=method,
             current=current,
@@ -81,23 +72,30 @@ def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots) -> list[Poi
     minimiser, stepper = fastest(make, scene, first.motion, first.held)
     result = []
     for name in snapshots.names:
-        recorded = snapshots.recorded(name)
+        recorded, reader = snapshots.recorded(name), snapshots.reader(name)
         frames = range(recorded.motion.frames)
         tries = [run_reduced(stepper, scene, recorded.motion, recorded.held, frames) for _ in range(REPEATS)]
+        restarts = restarts_every(scene, metric, space, reader, WINDOW)
+        windowed = run_reduced(stepper, scene, recorded.motion, recorded.held, frames, restarts)
         run, seconds = tries[0], np.nanmin([attempt.seconds for attempt in tries], axis=0)
-        run = with_errors(run, space.U, snapshots.reader(name), run)
+        run = with_errors(run, space.U, reader, windowed)
         assert run.mean_error is not None and run.mean_displacement is not None
+        assert run.windowed_mean_error is not None
+        moved = run.mean_displacement.sum()
         result.append(
             Point(
                 space.name,
                 name,
                 space.decoder.r,
+                space.decoder.k,
                 len(space.cubature.points),
+                stop,
                 minimiser,
                 1e3 * float(np.nanmedian(seconds)),
                 1e3 * float(np.nanpercentile(seconds, 99)),
                 float(run.evaluations.mean()),
-                float(run.mean_error.sum() / run.mean_displacement.sum()),
+                float(run.mean_error.sum() / moved),
+                float(run.windowed_mean_error.sum() / moved),
             )
         )
     return result
@@ -112,94 +110,65 @@ def smaller(ladder: tuple[CubatureSet, ...], best: CubatureSet) -> list[Cubature
     return found
 
 
-def main(folder: Path, dimensions: tuple[int, ...]) -> None:
-    scene, _ = read_scene(folder / "scene.h5")
+def latent_spaces(folder: Path) -> Iterator[ReducedSpace]:
+    """The latent space of a run with its best set and smaller ones."""
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
-    cubature, _ = read_cubature(folder / "cubature.h5")
+    sets = read_cubature(folder / "cubature.h5")[0]["latent"]
+    for points in smaller(sets.ladder, sets.best):
+        yield ReducedSpace("latent", U, model.decoder, model.encoder, points)
+
+
+def linear_spaces(
+    scene: Scene, U: NDArray[np.float64], snapshots: Snapshots, dimensions: list[int]
+) -> Iterator[ReducedSpace]:
+    """Linear spaces of several dimensions, each with a cubature of its own on the training frames."""
+    names, metric = snapshots.with_role("train"), inner_product(scene.mass, "mass")
+    q: NDArray[np.float64] = all_coordinates(lambda: snapshots.chunks(names), metric, U)
+    fitted, _ = split_poses(len(q), min(400, len(q) * 2 // 3), 0, seed=0)
+    stiffness = reduced_rest_stiffness(scene, U)
+    for k in dimensions:
+        narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
+        compliance = rest_compliance(stiffness[:k, :k], identity, q[:, :k])
+        forces = ProjectedForces(scene, narrow, identity, q[fitted, :k], metric=compliance)
+        found = fit(forces, Goal(TOLERANCE, 800))
+        for points in smaller(found.ladder, found.best):
+            yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
+
+
+def main(folders: list[Path], dimensions: tuple[int, ...]) -> None:
+    folder = folders[0]
+    scene, _ = read_scene(folder / "scene.h5")
+    U = read_basis(folder / "basis.h5")[0].basis.U
+    kp = read_model(folder / "model.h5")[0].kp
     metric = inner_product(scene.mass, "mass")
     table: list[Point] = []
-    with Snapshots(folder / "snapshots.h5") as snapshots, one_thread():
-        names = snapshots.with_role("train")
-        q: NDArray[np.float64] = all_coordinates(lambda: snapshots.chunks(names), metric, U)
-        fitted, _ = split_poses(len(q), min(400, len(q) * 2 // 3), 0, seed=0)
-
-        stiffness = reduced_rest_stiffness(scene, U)
-
-        def spaces() -> Iterator[ReducedSpace]:
-            for points in smaller(cubature["latent"].ladder, cubature["latent"].best):
-                yield ReducedSpace("latent", U, model.decoder, model.encoder, points)
-            for k in sorted({*dimensions, model.kp} & set(range(U.shape[1] + 1))):
-                narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
-                compliance = rest_compliance(stiffness[:k, :k], identity, q[:, :k])
-                forces = ProjectedForces(scene, narrow, identity, q[fitted, :k], metric=compliance)
-                found = fit(forces, Goal(TOLERANCE, 800))
-                for points in smaller(found.ladder, found.best):
-                    yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
-
-        print("| space | motion | dimension | points | minimiser | median ms | p99 ms | evaluations | online error |")
-        print("|---|---|---|---|---|---|---|---|---|")
-        for space in spaces():
-            for point in measure(scene, space, snapshots):
+    with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
+        swept = sorted({*dimensions, kp} & set(range(U.shape[1] + 1)))
+        spaces = [latent_spaces(each) for each in folders] + [linear_spaces(scene, U, snapshots, swept)]
+        print(HEADER)
+        for space in (space for some in spaces for space in some):
+            bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
+            for point in (point for stop in STOPS for point in measure(scene, space, snapshots, metric, stop)):
                 table.append(point)
-                cells = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in asdict(point).values()]
-                print("| " + " | ".join(cells) + " |", flush=True)
-        rows = ratios(folder.name, table, model.kp)
-    for row in rows:
+                cells = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in point]
+                tqdm.write("| " + " | ".join(cells) + " |")
+            bar.update()
+    model = folder.name
+    found = ratios(model, table, kp)
+    for row in found:
         print(row["quantity"], row["value"], "goal", row["goal"])
-    write(folder.name, table, rows)
+    command = "python benchmarks/step.py " + " ".join(str(each) for each in folders)
+    write_results(f"step_{model}", command, found + rows(model, table))
     for motion in dict.fromkeys(point.motion for point in table):
-        drawn = picture(folder.name, motion, table)
-        (PICTURES / f"step_{folder.name}_{motion}.svg").write_text(drawn + "\n", encoding="utf-8")
-
-
-def ratios(model: str, table: list[Point], kp: int) -> list[dict[str, object]]:
-    """Linear over latent step: at kp, best sets; and the fastest linear space with an online error no larger."""
-    rows: list[dict[str, object]] = []
-    for motion in dict.fromkeys(point.motion for point in table):
-        own = [point for point in table if point.motion == motion]
-        latent = next(point for point in own if point.space == "latent")
-        linear = [point for point in own if point.space == "linear"]
-        equal = [p for p in linear if p.online_error <= latent.online_error]
-        at_kp = next(p for p in linear if p.dimension == kp)
-        fastest_equal = min(equal, key=lambda p: p.median_ms) if equal else None
-        for name, other in ((f"PCA-{kp} (kp)", at_kp), ("PCA of equal online error", fastest_equal)):
-            value = None if other is None else other.median_ms / latent.median_ms
-            label = name if other is None or other is at_kp else f"{name}, k = {other.dimension}"
-            quantity = f"linear over latent step, {motion}, {label}"
-            rows.append({"model": model, "quantity": quantity, "value": value, "unit": "", "goal": ">= 5"})
-    return rows
-
-
-def picture(model: str, motion: str, table: list[Point]) -> str:
-    """Online error against median step, every space and set measured, the frontier of each kind as a line."""
-    figure, ax = new_axes("median step, ms; numbers: dimension, points", f"online error on {motion}, %", height=3.6)
-    for kind, colour in (("latent", LATENT), ("linear", LINEAR)):
-        own = sorted((p.median_ms, 100 * p.online_error, p) for p in table if p.space == kind and p.motion == motion)
-        front = [entry for i, entry in enumerate(own) if all(entry[1] < other[1] for other in own[:i])]
-        behind = [entry for entry in own if entry not in front]
-        ax.plot([t for t, _, _ in behind], [e for _, e, _ in behind], "o", color=colour, markersize=3, alpha=0.4)
-        ax.plot([t for t, _, _ in front], [e for _, e, _ in front], "o-", color=colour, label=kind, markersize=4)
-        for t, e, point in front:
-            place = (-4, -9) if kind == "latent" else (4, 3)
-            side = "right" if kind == "latent" else "left"
-            label = f"{point.dimension}, {point.points}"
-            ax.annotate(label, (t, e), place, textcoords="offset points", fontsize=7, color=colour, ha=side)
-    log_scale(ax, "y")
-    legend(ax)
-    return to_svg(figure, f"Online error on {motion} of {model} against the median time of a step, latent and linear")
-
-
-def write(model: str, table: list[Point], rows: list[dict[str, object]]) -> None:
-    for point in table:
-        for quantity, value, unit in (("median step", point.median_ms, "ms"), ("online error", point.online_error, "")):
-            label = f"{quantity}, {point.space} {point.dimension}, {point.points} points, {point.motion}"
-            rows.append({"model": model, "quantity": label, "value": value, "unit": unit, "goal": None})
-    write_results(f"step_{model}", f"python benchmarks/step.py runs/{model}", rows)
+        drawn = picture(model, motion, table)
+        (PICTURES / f"step_{model}_{motion}.svg").write_text(drawn + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    folders = [Path(argument) for argument in sys.argv[1:] if argument != "--quick"]
-    if len(folders) != 1:
-        sys.exit("usage: python benchmarks/step.py runs/EXPERIMENT [--quick] (a finished run)")
-    main(folders[0], QUICK if "--quick" in sys.argv else DIMENSIONS)
+    given = [Path(argument) for argument in sys.argv[1:] if argument != "--quick"]
+    if not given:
+        sys.exit(
+            "usage: python benchmarks/step.py runs/EXPERIMENT [other runs of its scene …] [--quick] (finished runs)"
+        )
+    main(given, QUICK if "--quick" in sys.argv else DIMENSIONS)

@@ -80,7 +80,7 @@ def _vjp(n: int, model: Reduced, springs: Springs, work: Work, z: Array) -> None
 @njit(nogil=True)
 def _renewal(n: int, model: Reduced, springs: Springs, work: Work, z: Array) -> None:
     for _ in range(n):
-        decode_jacobian(model.layers, work.hidden, work.scratch, work.jacobian)
+        decode_jacobian(model.layers, work.hidden, work.tangents, work.jacobian)
         current_tangent(model, work)
 
 

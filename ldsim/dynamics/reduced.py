@@ -98,7 +98,7 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, 
     """H ← the inverse of the tangent at z or at rest; kept as it is where that has no factor."""
     decode(model.layers, z, work.hidden, work.q)
     if model.layers.sizes.shape[0] > 1:
-        decode_jacobian(model.layers, work.hidden, work.scratch, work.jacobian)
+        decode_jacobian(model.layers, work.hidden, work.tangents, work.jacobian)
     if options.current:
         current_tangent(model, work)
     else:

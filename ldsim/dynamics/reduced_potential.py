@@ -60,6 +60,7 @@ class Work(NamedTuple):
 
     hidden: Array
     scratch: Array
+    tangents: Array
     q: Array
     offset: Array
     force: Array
@@ -86,6 +87,7 @@ def make_work(decoder: Decoder, points: int) -> Work:
     return Work(
         hidden=np.zeros(hidden),
         scratch=np.zeros(hidden),
+        tangents=np.zeros(r * hidden),
         q=np.zeros(k),
         offset=np.zeros(k),
         force=np.zeros(k),

@@ -256,7 +256,7 @@ def compare_motion(
         whole = range(motion.frames)
         trajectory = run_reduced(stepper, scene, motion, held, whole, progress=progress)
         if snapshots is not None:
-            restarts = _restarts(scene, metric, space, _without(snapshots, lifted), options.window)
+            restarts = restarts_every(scene, metric, space, _without(snapshots, lifted), options.window)
             windowed = run_reduced(stepper, scene, motion, held, whole, restarts, progress=progress)
             trajectory = with_errors(trajectory, space.U, snapshots, windowed, lifted)
         yield space.name, trajectory, name
@@ -287,7 +287,7 @@ def _full_stretch(
     return Trajectory(whole.iterations[part], whole.evaluations[part], whole.reason[part], whole.seconds[part])
 
 
-def _restarts(scene: Scene, metric: csr_array, space: ReducedSpace, snapshots: Frames, window: float) -> Restarts:
+def restarts_every(scene: Scene, metric: csr_array, space: ReducedSpace, snapshots: Frames, window: float) -> Restarts:
     """Restarts of a reduced space from the snapshots, every window of so many seconds."""
 
     def state(i: int) -> ReducedState:

@@ -128,34 +128,52 @@ def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient
         _add_image(layers.skip, v, gradient)
 
 
+@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+def _add_rows(W: Array, X: Array, out: Array) -> None:
+    """out += X W for X (r, in) and W (in, out), all rows of X while four of W are in the cache."""
+    rows = W.shape[0]
+    even = rows - rows % 4
+    for i in range(0, even, 4):
+        for a in range(X.shape[0]):
+            x0, x1, x2, x3 = X[a, i], X[a, i + 1], X[a, i + 2], X[a, i + 3]
+            for j in range(W.shape[1]):
+                out[a, j] += (x0 * W[i, j] + x1 * W[i + 1, j]) + (x2 * W[i + 2, j] + x3 * W[i + 3, j])
+    for i in range(even, rows):
+        for a in range(X.shape[0]):
+            for j in range(W.shape[1]):
+                out[a, j] += X[a, i] * W[i, j]
+
+
 @njit(cache=True, nogil=True)
-def decode_jacobian(layers: Layers, hidden: Array, scratch: Array, jacobian: Array) -> None:
-    """jacobian (r, k) = J(z)ᵀ at the z last decoded into `hidden`, one tangent a row."""
+def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Array) -> None:
+    """jacobian (r, k) = J(z)ᵀ at the z last decoded into `hidden`, one tangent a row; `tangents` is (r · hidden,)."""
     sizes = layers.sizes
+    r = sizes[0]
     if sizes.shape[0] == 1:
         jacobian[:] = 0.0
-        for i in range(sizes[0]):
+        for i in range(r):
             jacobian[i, i] = 1.0
         return
     last = sizes.shape[0] - 2
-    for i in range(sizes[0]):
-        w, source, target = 0, 0, 0
-        for layer in range(last + 1):
-            rows, columns = sizes[layer], sizes[layer + 1]
-            out = jacobian[i] if layer == last else scratch[target : target + columns]
-            if layer == 0:
-                out[:] = layers.weights[i * columns : (i + 1) * columns]
-            else:
-                out[:] = 0.0
-                W = layers.weights[w : w + rows * columns].reshape(rows, columns)
-                _add_product(W, scratch[source : source + rows], out)
-            if layer < last:
-                for j in range(columns):
-                    out[j] *= slope(layers.activation, hidden[target + j])
-            w += rows * columns
-            source, target = target, target + columns
-        if layers.skip.shape[0] > 0:
-            jacobian[i] += layers.skip[i]
+    w, source, target = 0, 0, 0
+    for layer in range(last + 1):
+        rows, columns = sizes[layer], sizes[layer + 1]
+        W = layers.weights[w : w + rows * columns].reshape(rows, columns)
+        out = jacobian if layer == last else tangents[r * target : r * (target + columns)].reshape(r, columns)
+        if layer == 0:
+            out[:] = W
+        else:
+            out[:] = 0.0
+            _add_rows(W, tangents[r * source : r * (source + rows)].reshape(r, rows), out)
+        if layer < last:
+            for j in range(columns):
+                steepness = slope(layers.activation, hidden[target + j])
+                for i in range(r):
+                    out[i, j] *= steepness
+        w += rows * columns
+        source, target = target, target + columns
+    if layers.skip.shape[0] > 0:
+        jacobian += layers.skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,10 +262,10 @@ class Decoder:
 
     def jacobian(self, z: Array) -> Array:
         """J = ∂φ/∂z at z (r,), (k, r) float64."""
-        hidden, scratch = np.empty(self.hidden_size), np.empty(self.hidden_size)
+        hidden, tangents = np.empty(self.hidden_size), np.empty(self.r * self.hidden_size)
         transposed = np.empty((self.r, self.k))
         decode(self.layers, np.asarray(z, dtype=np.float64), hidden, np.empty(self.k))
-        decode_jacobian(self.layers, hidden, scratch, transposed)
+        decode_jacobian(self.layers, hidden, tangents, transposed)
         return np.ascontiguousarray(transposed.T)
 
     def vjp(self, z: Array, v: Array) -> Array:

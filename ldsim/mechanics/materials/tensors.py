@@ -88,7 +88,7 @@ def jacobi_rotation(app: float, aqq: float, apq: float) -> tuple[float, float, f
     if apq == 0.0:
         return 1.0, 0.0, 0.0
     tau = (aqq - app) / (2.0 * apq)
-    t = math.copysign(1.0, tau) / (abs(tau) + math.hypot(1.0, tau))
+    t = math.copysign(1.0, tau) / (abs(tau) + math.sqrt(1.0 + tau * tau))
     c = 1.0 / math.sqrt(1.0 + t * t)
     return c, t * c, t
 
@@ -122,9 +122,20 @@ def symmetric_eigen(S: Symmetric) -> tuple[float, float, float, Matrix]:
     return a, b, c, (v00, v01, v02, v10, v11, v12, v20, v21, v22)
 
 
+@njit(cache=True, inline="always")
+def _positive(S: Symmetric) -> bool:
+    """Whether the leading minors of S are positive (Sylvester's criterion), by more than their rounding."""
+    a, b, c, d, e, f = S
+    minor = a * b - d * d
+    third = minor * c - (a * f * f - 2.0 * d * e * f + b * e * e)
+    return a > 0.0 and minor > 1e-14 * a * b and third > 1e-14 * a * b * c
+
+
 @njit(cache=True)
 def clamped_symmetric(S: Symmetric) -> Symmetric:
     """The nearest positive semidefinite matrix: negative eigenvalues set to zero."""
+    if _positive(S):
+        return S
     a, b, c, V = symmetric_eigen(S)
     if a >= 0.0 and b >= 0.0 and c >= 0.0:
         return S
