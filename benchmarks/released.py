@@ -51,7 +51,7 @@ def released(sim: Simulator, rng: np.random.Generator) -> tuple[Array, int]:
 
 
 def main(folder: Path) -> None:
-    sim = load(folder)
+    sim = load(folder, tolerance=1e-8)
     scene = sim.scene
     with one_thread():
         full, solved = FullStepper(scene, quasistatic=True).step(FullState.at_rest(scene.mesh.n_vertices), [])

@@ -7,11 +7,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, inner, value_gradient
 from ldsim.dynamics.reduced_tangent import add_spring_metric, current_tangent, rest_metric
+from ldsim.mechanics.kernel import copy, kernel
 from ldsim.reduction.decoder import REASSOCIATE, decode, decode_jacobian
 from ldsim.solvers.lbfgs import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
 from ldsim.solvers.solution import Reason
@@ -56,7 +56,7 @@ class Options(NamedTuple):
     renewal: int
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _cholesky(A: Array) -> bool:
     """Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace."""
     r = A.shape[0]
@@ -78,7 +78,7 @@ def _cholesky(A: Array) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _solve_cholesky(L: Array, x: Array) -> None:
     r = L.shape[0]
     for a in range(r):
@@ -93,7 +93,7 @@ def _solve_cholesky(L: Array, x: Array) -> None:
         x[a] = total / L[a, a]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, H: Array, work: Work) -> None:
     """H ← the inverse of the tangent at z or at rest; kept as it is where that has no factor."""
     decode(model.layers, z, work.hidden, work.q)
@@ -111,7 +111,7 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, 
             _solve_cholesky(work.hessian, H[a])
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _multiply(H: Array, x: Array, out: Array) -> None:
     """out = H x."""
     for i in range(H.shape[0]):
@@ -121,7 +121,7 @@ def _multiply(H: Array, x: Array, out: Array) -> None:
         out[i] = total
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _direction(H: Array, newest: int, count: int, work: Work) -> float:
     """Writes the quasi-Newton direction into work.d; returns its slope g·d."""
     d, half = work.d, work.Hy
@@ -133,7 +133,7 @@ def _direction(H: Array, newest: int, count: int, work: Work) -> float:
     return inner(work.g, d)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _search(
     model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
 ) -> tuple[bool, float, int]:
@@ -152,7 +152,7 @@ def _search(
     return False, f, MAX_BACKTRACKS
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def step(
     model: Reduced,
     springs: Springs,
@@ -181,7 +181,7 @@ def step(
     evaluations = 1
     f = value_gradient(model, springs, predictor, start, work, g)
     if f < math.inf:
-        z[:] = start
+        copy(start, z)
     else:
         f = value_gradient(model, springs, predictor, z, work, g)
         evaluations += 1
@@ -210,13 +210,13 @@ def step(
             newest, count = _remember(work, z, newest, count)
         elif options.method != NEWTON:
             _update(H, z, work)
-        z[:] = work.z_new
-        g[:] = work.g_new
+        copy(work.z_new, z)
+        copy(work.g_new, g)
         f = f_new
     return options.max_iterations, evaluations, ITERATIONS_SPENT, f, math.sqrt(inner(g, g))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _remember(work: Work, z: Array, newest: int, count: int) -> tuple[int, int]:
     """Store the pair (s, y) if its curvature is safely positive; returns the ring's newest and count."""
     slot = (newest + 1) % work.S.shape[0]
@@ -229,7 +229,7 @@ def _remember(work: Work, z: Array, newest: int, count: int) -> tuple[int, int]:
     return slot, min(count + 1, work.S.shape[0])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _update(H: Array, z: Array, work: Work) -> None:
     """H ← (1 − s yᵀ/sy) H (1 − y sᵀ/sy) + s sᵀ/sy, if the curvature sy of the last pair is safely positive."""
     s, y, Hy = work.S[0], work.Y[0], work.Hy
@@ -244,7 +244,7 @@ def _update(H: Array, z: Array, work: Work) -> None:
             H[i, j] += a * s[j] - b * Hy[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pair(z: Array, s: Array, y: Array, work: Work) -> float:
     """Writes s = z_new − z and y = g_new − g; returns s·y, or 0 where it is not safely positive."""
     for i in range(z.shape[0]):

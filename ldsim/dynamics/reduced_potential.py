@@ -14,9 +14,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.mechanics.kernel import kernel
 from ldsim.mechanics.materials import weighted_stresses
 from ldsim.reduction.decoder import REASSOCIATE, Decoder, Layers, decode, decode_vjp
 
@@ -109,7 +109,7 @@ def make_work(decoder: Decoder, points: int) -> Work:
     )
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def inner(a: Array, b: Array) -> float:
     total = 0.0
     for i in range(a.shape[0]):
@@ -117,7 +117,7 @@ def inner(a: Array, b: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
     """strain (9, c) = G_s q of every point, with what moving pins add."""
     # no views of G: each would count references, which costs more than its row
@@ -142,7 +142,7 @@ def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
             strain[e, s] += lifted[s, e]
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def add_forces(G: Array, stress: Array, force: Array) -> None:
     """force += Σ G_sᵀ P_s for the stresses (9, c)."""
     for s in range(G.shape[0]):
@@ -156,7 +156,7 @@ def add_forces(G: Array, stress: Array, force: Array) -> None:
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _add_elastic(model: Reduced, q: Array, strain: Array, force: Array) -> float:
     """Energy of all points; adds Σ w_s G_sᵀ P_s to `force` where it is finite."""
     strains(model.G, q, model.lifted, strain)
@@ -166,7 +166,7 @@ def _add_elastic(model: Reduced, q: Array, strain: Array, force: Array) -> float
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _add_springs(springs: Springs, q: Array, force: Array) -> float:
     """Energy of the grabs; adds their gradient to `force`."""
     value = 0.0
@@ -181,7 +181,7 @@ def _add_springs(springs: Springs, q: Array, force: Array) -> float:
     return value
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array, work: Work, gradient: Array) -> float:
     """E(z), J, and its gradient, N; q = φ(z) is left in work.q."""
     q, force, offset = work.q, work.force, work.offset

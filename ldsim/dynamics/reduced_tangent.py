@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, inner, strains
+from ldsim.mechanics.kernel import copy, kernel
 from ldsim.mechanics.materials import deformation, tangent
 from ldsim.mechanics.materials.tensors import Matrix, Symmetric
 from ldsim.reduction.decoder import REASSOCIATE
@@ -14,14 +14,15 @@ from ldsim.reduction.decoder import REASSOCIATE
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
     """H = J metric Jᵀ for J (r, k), by way of product = J metric; a metric of one row is diagonal."""
     r, k = J.shape
     for a in range(r):
         row = product[a]
         if metric.shape[0] == 1:
-            row[:] = metric[0] * J[a]
+            for i in range(k):
+                row[i] = metric[0, i] * J[a, i]
             continue
         row[:] = 0.0
         for i in range(k):
@@ -35,16 +36,23 @@ def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
             H[b, a] = H[a, b]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
+def _copy_rows(source: Array, target: Array) -> None:
+    """target ← source, two-dimensional arrays of one shape."""
+    for i in range(target.shape[0]):
+        copy(source[i], target[i])
+
+
+@kernel()
 def rest_metric(model: Reduced, work: Work) -> None:
     """hessian = Jᵀ metric J, the preconditioner of the design (paper, Eq. 15, with inertia)."""
     if model.layers.sizes.shape[0] == 1:
-        work.hessian[:] = model.metric
+        _copy_rows(model.metric, work.hessian)
     else:
         _project_metric(model.metric, work.jacobian, work.product, work.hessian)
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _put_strains(G: Array, s: int, J: Array, raw: Array) -> None:
     """raw (9, r) = G_s Jᵀ: the strain of point s along every direction; two at a time, to load G less often."""
     last = J.shape[0] - 1
@@ -79,7 +87,7 @@ def _put_strains(G: Array, s: int, J: Array, raw: Array) -> None:
         raw[5, b], raw[6, b], raw[7, b], raw[8, b] = b5, b6, b7, b8
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _add_products(X: Array, T: Array, H: Array) -> None:
     """H += Tᵀ X for X, T (9, r)."""
     for a in range(H.shape[0]):
@@ -93,7 +101,7 @@ def _add_products(X: Array, T: Array, H: Array) -> None:
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def current_tangent(model: Reduced, work: Work) -> None:
     """hessian = Jᵀ (M̃/h² + Σ w Gᵀ ∂²Ψ/∂F² G) J at work.q, eigenvalues clamped at every point.
 
@@ -106,7 +114,7 @@ def current_tangent(model: Reduced, work: Work) -> None:
     if not identity:
         _project_metric(model.inertia, J, work.product, H)
     elif model.inertia.shape[0] > 1:
-        H[:] = model.inertia
+        _copy_rows(model.inertia, H)
     else:
         H[:] = 0.0
         for a in range(r):
@@ -117,7 +125,7 @@ def current_tangent(model: Reduced, work: Work) -> None:
         F = deformation(work.strain, s)
         U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
         if identity:
-            T[:] = G[s]
+            _copy_rows(G[s], T)
         else:
             _put_strains(G, s, J, T)
         _turn(U, V, T, X)
@@ -125,7 +133,7 @@ def current_tangent(model: Reduced, work: Work) -> None:
         _add_products(X, T, H)
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _turn(U: Matrix, V: Matrix, raw: Array, X: Array) -> None:
     """X = Uᵀ raw V, column by column of raw and X (9, r), each a matrix row by row."""
     for p in range(3):
@@ -139,7 +147,7 @@ def _turn(U: Matrix, V: Matrix, raw: Array, X: Array) -> None:
             X[3 * p + 2, a] = m0 * V[2] + m1 * V[5] + m2 * V[8]
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _put_stresses(D: Symmetric, O: Symmetric, w: float, X: Array, T: Array) -> None:
     """T = w times the tangent applied to every column of X (9, r), both in the frame of the singular vectors."""
     for a in range(X.shape[1]):
@@ -154,7 +162,7 @@ def _put_stresses(D: Symmetric, O: Symmetric, w: float, X: Array, T: Array) -> N
         T[7, a] = w * (O[2] * X[7, a] + O[5] * X[5, a])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def add_spring_metric(springs: Springs, model: Reduced, work: Work) -> None:
     """hessian += k (B J)ᵀ (B J) of every grab."""
     J, H = work.jacobian, work.hessian

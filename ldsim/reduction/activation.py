@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ldsim.mechanics.kernel import kernel
 
 Array = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ LN_2, LN_2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 ROUNDER = 1.5 * 2.0**52
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+@kernel(fastmath={"contract", "nsz"})
 def elu(x: Array) -> None:
     """x ← x where positive or NaN, else eˣ − 1, to 2 units in the last place; without a branch, for vectors.
 
@@ -47,7 +48,7 @@ def elu(x: Array) -> None:
         x[i] = power * p + (power - 1.0) if v <= 0.0 else v
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def activate(kind: int, x: Array) -> None:
     """The activation of every entry, in place."""
     if kind == 0:
@@ -62,7 +63,7 @@ def activate(kind: int, x: Array) -> None:
             x[i] = 0.5 + 0.5 * math.tanh(0.5 * x[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def slope(kind: int, y: float) -> float:
     """Derivative of the activation in terms of its value y."""
     if kind == 0:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.mechanics.kernel import copy, kernel
 from ldsim.reduction.activation import ACTIVATIONS, activate, slope
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ class Layers(NamedTuple):
     activation: int
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _add_product(W: Array, x: Array, out: Array) -> None:
     """out += Wᵀ x for W (in, out), four rows at a time, so that `out` is loaded less often."""
     rows = W.shape[0]
@@ -53,19 +53,19 @@ def _add_product(W: Array, x: Array, out: Array) -> None:
             out[j] += x[i] * W[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
     """q = φ(z); `hidden` (sum of hidden widths,) keeps the activations for the derivatives."""
     sizes = layers.sizes
     if sizes.shape[0] == 1:
-        q[:] = z
+        copy(z, q)
         return
     last = sizes.shape[0] - 2
     w, b, source, target = 0, 0, 0, 0
     for layer in range(last + 1):
         rows, columns = sizes[layer], sizes[layer + 1]
         out = q if layer == last else hidden[target : target + columns]
-        out[:] = layers.biases[b : b + columns]
+        copy(layers.biases[b : b + columns], out)
         x = z if layer == 0 else hidden[source : source + rows]
         _add_product(layers.weights[w : w + rows * columns].reshape(rows, columns), x, out)
         if layer < last:
@@ -73,12 +73,13 @@ def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
         w += rows * columns
         b += columns
         source, target = target, target + columns
-    q -= layers.rest
+    for j in range(q.shape[0]):
+        q[j] -= layers.rest[j]
     if layers.skip.shape[0] > 0:
         _add_product(layers.skip, z, q)
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _add_image(W: Array, v: Array, out: Array) -> None:
     """out += W v for W (in, out), four rows at a time, so that v is loaded less often."""
     rows = W.shape[0]
@@ -102,12 +103,12 @@ def _add_image(W: Array, v: Array, out: Array) -> None:
         out[i] += total
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient: Array) -> None:
     """gradient = J(z)ᵀ v at the z last decoded into `hidden`; `scratch` is as long as `hidden`."""
     sizes = layers.sizes
     if sizes.shape[0] == 1:
-        gradient[:] = v
+        copy(v, gradient)
         return
     last = sizes.shape[0] - 2
     w = layers.weights.shape[0]
@@ -128,7 +129,7 @@ def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient
         _add_image(layers.skip, v, gradient)
 
 
-@njit(cache=True, nogil=True, fastmath=REASSOCIATE)
+@kernel(fastmath=REASSOCIATE)
 def _add_rows(W: Array, X: Array, out: Array) -> None:
     """out += X W for X (r, in) and W (in, out), all rows of X while four of W are in the cache."""
     rows = W.shape[0]
@@ -144,7 +145,7 @@ def _add_rows(W: Array, X: Array, out: Array) -> None:
                 out[a, j] += X[a, i] * W[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Array) -> None:
     """jacobian (r, k) = J(z)ᵀ at the z last decoded into `hidden`, one tangent a row; `tangents` is (r · hidden,)."""
     sizes = layers.sizes
@@ -161,7 +162,8 @@ def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Ar
         W = layers.weights[w : w + rows * columns].reshape(rows, columns)
         out = jacobian if layer == last else tangents[r * target : r * (target + columns)].reshape(r, columns)
         if layer == 0:
-            out[:] = W
+            for i in range(r):
+                copy(W[i], out[i])
         else:
             out[:] = 0.0
             _add_rows(W, tangents[r * source : r * (source + rows)].reshape(r, rows), out)
@@ -173,7 +175,9 @@ def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Ar
         w += rows * columns
         source, target = target, target + columns
     if layers.skip.shape[0] > 0:
-        jacobian += layers.skip
+        for i in range(r):
+            for j in range(jacobian.shape[1]):
+                jacobian[i, j] += layers.skip[i, j]
 
 
 @dataclass(frozen=True, eq=False)

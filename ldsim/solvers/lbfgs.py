@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.mechanics.kernel import kernel
 from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ MAX_BACKTRACKS = 40
 EPSILON = 2.0**-52
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def backward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, count: int, d: Array) -> None:
     """First half of the two-loop recursion: d ← d − Σ αᵢ yᵢ, newest pair first."""
     window = S.shape[0]
@@ -38,7 +38,7 @@ def backward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, cou
             d[j] -= alpha[i] * Y[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def forward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, count: int, d: Array) -> None:
     """Second half, after the preconditioner was applied to d: oldest pair first."""
     window = S.shape[0]
@@ -52,7 +52,7 @@ def forward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, coun
             d[j] += beta * S[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def accepts(f0: float, slope0: float, step: float, f: float, slope: float) -> bool:
     """Sufficient decrease, or its form in the slopes where the values differ only by rounding.
 
@@ -67,7 +67,7 @@ def accepts(f0: float, slope0: float, step: float, f: float, slope: float) -> bo
     return f <= f0 + ARMIJO * step * slope0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def next_step(f0: float, slope0: float, step: float, f: float, slope: float) -> float:
     """The step to try after one that was not accepted.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.mechanics.kernel import kernel
 from ldsim.mechanics.materials import fixed_corotated, linear, neo_hookean, st_venant_kirchhoff, stable_neo_hookean
 from ldsim.mechanics.materials.tensors import (
     Matrix,
@@ -96,7 +97,7 @@ def _put(P: Matrix, w: float, out: Array, s: int) -> None:
 REASSOCIATE = {"reassoc", "contract", "nsz"}
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_neo_hookean(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -106,7 +107,7 @@ def _sum_neo_hookean(strain: Array, weights: Array, mu: Array, lam: Array) -> fl
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_stable(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -116,7 +117,7 @@ def _sum_stable(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_kirchhoff(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -126,7 +127,7 @@ def _sum_kirchhoff(strain: Array, weights: Array, mu: Array, lam: Array) -> floa
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_corotated(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -136,7 +137,7 @@ def _sum_corotated(strain: Array, weights: Array, mu: Array, lam: Array) -> floa
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_linear(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -146,7 +147,7 @@ def _sum_linear(strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REASSOCIATE)
+@kernel(error_model="numpy", fastmath=REASSOCIATE)
 def _sum_mixed(kind: NDArray[np.int8], strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     total = 0.0
     for s in range(strain.shape[1]):
@@ -156,7 +157,7 @@ def _sum_mixed(kind: NDArray[np.int8], strain: Array, weights: Array, mu: Array,
     return total
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def weighted_stresses(kind: NDArray[np.int8], strain: Array, weights: Array, mu: Array, lam: Array) -> float:
     """Σ w Ψ(I + strain), J, of c points; `strain` (9, c) is overwritten by w P. Infinite where one density is."""
     first, mixed = kind[0] if kind.shape[0] else 0, False
