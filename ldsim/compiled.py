@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import os
 import shutil
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +23,10 @@ NUMERICS = ("mechanics", "solvers", "reduction", "dynamics")
 
 
 def use_kernel_cache() -> None:
-    """Point NUMBA_CACHE_DIR, unless it is set, to a folder named after the sources of the numerics."""
+    """Point NUMBA_CACHE_DIR, unless it is set, to a folder named after the sources of the numerics.
+
+    Numba reads the variable when it is imported; where that came first, its setting is changed.
+    """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "ldsim" / "kernels"
@@ -33,6 +37,8 @@ def use_kernel_cache() -> None:
             forget_oldest(root)
         os.utime(folder)
         os.environ["NUMBA_CACHE_DIR"] = str(folder)
+        if "numba" in sys.modules:
+            sys.modules["numba"].config.CACHE_DIR = str(folder)
 
 
 def source_state(packages: Sequence[Path]) -> str:

@@ -40,6 +40,15 @@ def test_numba_is_pointed_to_that_folder_unless_told_otherwise(tmp_path: Path) -
         assert run.stdout.startswith(expected)
 
 
+def test_numba_is_pointed_there_even_if_it_was_imported_first(tmp_path: Path) -> None:
+    code = "import numba, ldsim; print(numba.config.CACHE_DIR)"
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    command = [sys.executable, "-c", code]
+    environment["XDG_CACHE_HOME"] = str(tmp_path)
+    run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert run.stdout.startswith(str(tmp_path))
+
+
 def test_only_folders_that_are_old_and_many_are_forgotten(tmp_path: Path) -> None:
     now = time.time()
     for i in range(KEPT + 4):
