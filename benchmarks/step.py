@@ -46,8 +46,8 @@ TOLERANCE = 0.03
 # h² times the potential with h = 5 ms.
 STOPS = (1e-8, 4e-4)
 WINDOW = 0.25
-# Shares of a set's points that the smaller sets of its ladder have at most.
-SMALLER = (0.4, 0.65)
+# Share of a set's points that the smaller set of its ladder has at most.
+SMALLER = (0.45,)
 REPEATS = 2
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 HEADER = "| " + " | ".join(Point._fields) + " |\n" + "|---" * len(Point._fields) + "|"
