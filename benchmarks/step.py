@@ -1,17 +1,19 @@
 """Error against step time of finished runs, the linear space swept: python benchmarks/step.py runs/x [runs_2/x …]
 
 Every linear space gets its own cubature, and besides its best set smaller ones of the same ladder; each space has the
-fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code applies it. More
-runs of the same scene add their latent spaces: other r, k and widths. All are timed in one process, one thread, and
-judged on every motion of the first run, whole and restarted every 0.25 s; a motion is stepped several times, and the
-least time of each of its steps counts, for other tenants of a machine only add time. The frontier of each motion goes
-to docs/pictures/step_RUN_MOTION.svg. `--quick` takes three dimensions.
+fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code applies it. More runs of
+the same scene add their latent spaces: other r, k and widths. All are judged with the loosest stop on every motion of
+the first run, whole and restarted every 0.25 s, and timed in one process, one thread, in turns: a motion is stepped
+several times, and the least time of each of its steps counts, for other tenants of a machine only add time. The
+frontier of each motion goes to docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +24,10 @@ from step_frontier import Point, picture, ratios, rows
 from tqdm import tqdm
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
-from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
-from ldsim.evaluation.comparison import ReducedSpace, fastest, restarts_every, run_reduced, with_errors
+from ldsim.evaluation.comparison import Frames, ReducedSpace, fastest, restarts_every, run_reduced, with_errors
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.fit import fit
 from ldsim.reduction.cubature.forces import ProjectedForces
@@ -40,66 +42,86 @@ from ldsim.reduction.reconstruction import all_coordinates
 from ldsim.threads import one_thread
 
 DIMENSIONS = (20, 25, 30, 35, 40, 50, 60)
-QUICK = (20, 30, 40)
+QUICK = (20, 30, 40, 50)
 TOLERANCE = 0.03
 # ‖∇E‖ ≤ stop · max(‖z‖, 1), N: 10⁻⁸ of the potential as the paper prints it; the same, and the 10⁻⁷ of some of its
 # models, of what the authors' code minimises: h² times the potential with h = 5 ms.
 STOPS = (1e-8, 4e-4, 4e-3)
 WINDOW = 0.25
-# Share of a set's points that the smaller set of its ladder has at most.
-SMALLER = (0.45,)
-REPEATS = 2
+# Shares of a set's points that the smaller sets of its ladder have at most.
+SMALLER = (0.45, 0.7)
+REPEATS = 5
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
-HEADER = "| " + " | ".join(Point._fields) + " |\n" + "|---" * len(Point._fields) + "|"
 
 
-def measure(scene: Scene, space: ReducedSpace, snapshots: Snapshots, metric: csr_array, stop: float) -> list[Point]:
-    """The space on every motion, with the minimiser that is fastest on the first."""
+@dataclass(eq=False)
+class Timed:
+    """One space with one stop rule: its stepper, and the least time of each step of each motion so far, seconds."""
 
-    def make(method: Method, current: bool) -> ReducedStepper:
-        return ReducedStepper(
-            scene,
-            space.U,
-            space.decoder,
-            space.cubature.points,
-            space.cubature.weights,
-            tolerance=stop,
-            max_iterations=200,
-            method=method,
-            current=current,
-        )
+    space: ReducedSpace
+    stop: float
+    minimiser: str
+    stepper: ReducedStepper
+    seconds: dict[str, NDArray[np.float64]]
+    evaluations: dict[str, float]
 
-    first = snapshots.recorded(snapshots.names[0])
-    minimiser, stepper = fastest(make, scene, first.motion, first.held)
-    result = []
-    for name in snapshots.names:
-        recorded, reader = snapshots.recorded(name), snapshots.reader(name)
-        frames = range(recorded.motion.frames)
-        tries = [run_reduced(stepper, scene, recorded.motion, recorded.held, frames) for _ in range(REPEATS)]
-        restarts = restarts_every(scene, metric, space, reader, WINDOW)
-        windowed = run_reduced(stepper, scene, recorded.motion, recorded.held, frames, restarts)
-        run, seconds = tries[0], np.nanmin([attempt.seconds for attempt in tries], axis=0)
-        run = with_errors(run, space.U, reader, windowed)
-        assert run.mean_error is not None and run.mean_displacement is not None
-        assert run.windowed_mean_error is not None
-        moved = run.mean_displacement.sum()
-        result.append(
-            Point(
-                space.name,
-                name,
-                space.decoder.r,
-                space.decoder.k,
-                len(space.cubature.points),
-                stop,
-                minimiser,
-                1e3 * float(np.nanmedian(seconds)),
-                1e3 * float(np.nanpercentile(seconds, 99)),
-                float(run.evaluations.mean()),
-                float(run.mean_error.sum() / moved),
-                float(run.windowed_mean_error.sum() / moved),
+    @classmethod
+    def of(cls, scene: Scene, space: ReducedSpace, stop: float, first: Recorded) -> Timed:
+        """With the minimiser that is fastest on the first motion."""
+
+        def make(method: Method, current: bool) -> ReducedStepper:
+            return ReducedStepper(
+                scene,
+                space.U,
+                space.decoder,
+                space.cubature.points,
+                space.cubature.weights,
+                tolerance=stop,
+                max_iterations=200,
+                method=method,
+                current=current,
             )
-        )
-    return result
+
+        return cls(space, stop, *fastest(make, scene, first.motion, first.held), {}, {})
+
+    def run(self, scene: Scene, recorded: Recorded) -> None:
+        """Step a motion once more."""
+        name = recorded.motion.name
+        run = run_reduced(self.stepper, scene, recorded.motion, recorded.held, range(recorded.motion.frames))
+        before = self.seconds.get(name, run.seconds)
+        self.seconds[name] = np.fmin(before, run.seconds)
+        self.evaluations[name] = float(run.evaluations.mean())
+
+
+def errors(scene: Scene, timed: Timed, recorded: Recorded, frames: Frames, metric: csr_array) -> tuple[float, float]:
+    """Online error of a motion, whole and restarted every window."""
+    space, motion = timed.space, recorded.motion
+    whole = run_reduced(timed.stepper, scene, motion, recorded.held, range(motion.frames))
+    restarts = restarts_every(scene, metric, space, frames, WINDOW)
+    windowed = run_reduced(timed.stepper, scene, motion, recorded.held, range(motion.frames), restarts)
+    judged = with_errors(whole, space.U, frames, windowed)
+    assert judged.mean_error is not None and judged.mean_displacement is not None
+    assert judged.windowed_mean_error is not None
+    moved = judged.mean_displacement.sum()
+    return float(judged.mean_error.sum() / moved), float(judged.windowed_mean_error.sum() / moved)
+
+
+def point(timed: Timed, motion: str, online: float, windowed: float) -> Point:
+    seconds, space = timed.seconds[motion], timed.space
+    return Point(
+        space.name,
+        motion,
+        space.decoder.r,
+        space.decoder.k,
+        len(space.cubature.points),
+        timed.stop,
+        timed.minimiser,
+        1e3 * float(np.nanmedian(seconds)),
+        1e3 * float(np.nanpercentile(seconds, 99)),
+        timed.evaluations[motion],
+        online,
+        windowed,
+    )
 
 
 def smaller(ladder: tuple[CubatureSet, ...], best: CubatureSet) -> list[CubatureSet]:
@@ -143,18 +165,26 @@ def main(folders: list[Path], dimensions: tuple[int, ...]) -> None:
     U = read_basis(folder / "basis.h5")[0].basis.U
     kp = read_model(folder / "model.h5")[0].kp
     metric = inner_product(scene.mass, "mass")
-    table: list[Point] = []
+    timed: list[Timed] = []
+    error: dict[tuple[int, str], tuple[float, float]] = {}
     with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
+        motions = {name: snapshots.recorded(name) for name in snapshots.names}
         swept = sorted({*dimensions, kp} & set(range(U.shape[1] + 1)))
         spaces = [latent_spaces(each) for each in folders] + [linear_spaces(scene, U, snapshots, swept)]
-        print(HEADER)
         for space in (space for some in spaces for space in some):
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
-            for point in (point for stop in STOPS for point in measure(scene, space, snapshots, metric, stop)):
-                table.append(point)
-                cells = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in point]
-                tqdm.write("| " + " | ".join(cells) + " |")
+            timed += [Timed.of(scene, space, stop, motions[snapshots.names[0]]) for stop in STOPS]
+            for name, recorded in motions.items():
+                error[id(space), name] = errors(scene, timed[-1], recorded, snapshots.reader(name), metric)
             bar.update()
+        for each, recorded in tqdm(
+            list(product(REPEATS * timed, motions.values())), "timing", unit="run", disable=None
+        ):
+            each.run(scene, recorded)
+    table = [point(each, name, *error[id(each.space), name]) for each in timed for name in motions]
+    print("| " + " | ".join(Point._fields) + " |\n" + "|---" * len(Point._fields) + "|")
+    for entry in table:
+        print("| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in entry) + " |")
     model = folder.name
     found = ratios(model, table, kp)
     for row in found:
