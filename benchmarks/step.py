@@ -159,7 +159,7 @@ def linear_spaces(
             yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
 
 
-def main(folders: list[Path], dimensions: tuple[int, ...]) -> None:
+def main(folders: list[Path], quick: bool) -> None:
     folder = folders[0]
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
@@ -169,7 +169,7 @@ def main(folders: list[Path], dimensions: tuple[int, ...]) -> None:
     error: dict[tuple[int, str], tuple[float, float]] = {}
     with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
         motions = {name: snapshots.recorded(name) for name in snapshots.names}
-        swept = sorted({*dimensions, kp} & set(range(U.shape[1] + 1)))
+        swept = sorted({*(QUICK if quick else DIMENSIONS), kp} & set(range(U.shape[1] + 1)))
         spaces = [latent_spaces(each) for each in folders] + [linear_spaces(scene, U, snapshots, swept)]
         for space in (space for some in spaces for space in some):
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
@@ -189,7 +189,7 @@ def main(folders: list[Path], dimensions: tuple[int, ...]) -> None:
     found = ratios(model, table, kp)
     for row in found:
         print(row["quantity"], row["value"], "goal", row["goal"])
-    command = "python benchmarks/step.py " + " ".join(str(each) for each in folders)
+    command = " ".join(["python benchmarks/step.py", *map(str, folders), *(["--quick"] if quick else [])])
     write_results(f"step_{model}", command, found + rows(model, table))
     for motion in dict.fromkeys(point.motion for point in table):
         drawn = picture(model, motion, table)
@@ -202,4 +202,4 @@ if __name__ == "__main__":
         sys.exit(
             "usage: python benchmarks/step.py runs/EXPERIMENT [other runs of its scene …] [--quick] (finished runs)"
         )
-    main(given, QUICK if "--quick" in sys.argv else DIMENSIONS)
+    main(given, "--quick" in sys.argv)
