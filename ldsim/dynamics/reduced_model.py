@@ -62,8 +62,8 @@ class ReducedState:
     """All that the next step depends on; a step makes a new one and leaves the old one as it is.
 
     Args:
-        data: z, z_previous, guess, q, q_previous and H one after the other, (3r + 2k + r²,) float64. One array crosses
-            into compiled code in a tenth of the time that six take.
+        data: z, z_previous, guess, q, q_previous and H one after the other, (3r + 2k + r²,) float64: each array that
+            crosses into compiled code takes time.
 
     Attributes:
         z, z_previous: latent coordinates of the last two frames, (r,) float64.
@@ -105,7 +105,9 @@ class ReducedState:
 
     def renewed(self) -> ReducedState:
         """The same, but the next step makes its preconditioner anew."""
-        return ReducedState(self.data, self.r, self.k)
+        state = ReducedState(self.data.copy(), self.r, self.k)
+        state.H[:] = np.eye(self.r)
+        return state
 
     @property
     def z(self) -> Array:
