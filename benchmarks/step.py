@@ -70,17 +70,7 @@ class Timed:
         """With the minimiser that is fastest on the first motion."""
 
         def make(method: Method, current: bool) -> ReducedStepper:
-            return ReducedStepper(
-                scene,
-                space.U,
-                space.decoder,
-                space.cubature.points,
-                space.cubature.weights,
-                tolerance=stop,
-                max_iterations=200,
-                method=method,
-                current=current,
-            )
+            return space.stepper(scene, stop, 200, method, current)
 
         return cls(space, stop, *fastest(make, scene, first.motion, first.held), {}, {})
 

@@ -203,6 +203,29 @@ class ReducedSpace:
     encoder: Encoder
     cubature: CubatureSet
 
+    def stepper(
+        self,
+        scene: Scene,
+        tolerance: float,
+        max_iterations: int,
+        method: Method,
+        current: bool,
+        lifting: Lifting | None = None,
+    ) -> ReducedStepper:
+        """What steps a scene in this space; the arguments are those of `ReducedStepper`."""
+        return ReducedStepper(
+            scene,
+            self.U,
+            self.decoder,
+            self.cubature.points,
+            self.cubature.weights,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            method=method,
+            current=current,
+            lifting=lifting,
+        )
+
     def state(self, metric: csr_array, u: Array, u_previous: Array) -> ReducedState:
         """The reduced state nearest to the displacements of two frames, each (n, 3); q keeps their projections."""
         q = coordinates(metric, self.U, np.stack([u.ravel(), u_previous.ravel()]))
@@ -244,18 +267,7 @@ def compare_motion(
     for space in spaces:
 
         def make(method: Method, current: bool, space: ReducedSpace = space) -> ReducedStepper:
-            return ReducedStepper(
-                scene,
-                space.U,
-                space.decoder,
-                space.cubature.points,
-                space.cubature.weights,
-                tolerance=options.tolerance,
-                max_iterations=options.max_iterations,
-                method=method,
-                current=current,
-                lifting=lifting,
-            )
+            return space.stepper(scene, options.tolerance, options.max_iterations, method, current, lifting)
 
         name, stepper = fastest(make, scene, motion, held)
         whole = range(motion.frames)
