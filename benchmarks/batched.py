@@ -100,13 +100,13 @@ def main(folder: Path, sizes: tuple[int, ...]) -> None:
     note("cubature points", len(cubature.points), "")
     with one_thread():
         torch.set_num_threads(1)
-        serial = ReducedStepper(scene, U, decoder, cubature.points, cubature.weights)
+        serial = ReducedStepper(scene, U, decoder, cubature)
         serial_rate(serial, grabs[:1])
         note("serial", serial_rate(serial, grabs[:16]), "steps/s")
         for device in ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",):
             for dtype in (torch.float64, torch.float32):
                 stepper = BatchedStepper(
-                    scene, U, decoder, cubature.points, cubature.weights,
+                    scene, U, decoder, cubature,
                     tolerance=TOLERANCE[dtype], device=device, dtype=dtype,
                 )  # fmt: skip
                 for size in sizes:

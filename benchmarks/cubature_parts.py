@@ -215,9 +215,7 @@ def every_element_error(model: Model, motion: str, frames: int | None) -> float:
 def set_error(model: Model, points: CubatureSet, motion: str, frames: int | None) -> float:
     """The same with a cubature set, as `ldsim simulate` steps it."""
     space, recorded = model.space, model.snapshots.recorded(motion)
-    stepper = ReducedStepper(
-        space.scene, space.U, space.decoder, points.points, points.weights, tolerance=STOP, current=True
-    )
+    stepper = ReducedStepper(space.scene, space.U, space.decoder, points, tolerance=STOP, current=True)
     count = min(frames or recorded.motion.frames, recorded.motion.frames)
     done = run_reduced(stepper, space.scene, recorded.motion, recorded.held, range(count))
     done = with_errors(done, space.U, model.snapshots.reader(motion), done)

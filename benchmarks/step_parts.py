@@ -105,9 +105,7 @@ def measure(folder: Path) -> list[Row]:
     U = read_basis(folder / "basis.h5")[0].basis.U
     decoder = read_model(folder / "model.h5")[0].decoder
     points = read_cubature(folder / "cubature.h5")[0]["latent"].best
-    steppers = {
-        stop: ReducedStepper(scene, U, decoder, points.points, points.weights, tolerance=stop) for stop in STOPS
-    }
+    steppers = {stop: ReducedStepper(scene, U, decoder, points, tolerance=stop) for stop in STOPS}
     with Snapshots(folder / "snapshots.h5") as snapshots:
         first = snapshots.recorded(snapshots.names[0])
     latent = read_simulation(folder / "simulation.h5")[0]["latent"][first.motion.name].latent

@@ -17,6 +17,7 @@ from results_file import row, write_results
 from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.evaluation.comparison import run_reduced
 from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.cubature.selection import Recipe, select, split_poses
 from ldsim.threads import one_thread
 
@@ -39,7 +40,9 @@ def main() -> None:
                 ("dragon_56822", coarse.space, chosen.points),
                 ("dragon", fine.space, 8 * chosen.points),
             ):
-                steppers[name] = ReducedStepper(space.scene, space.U, space.decoder, points, chosen.weights)
+                steppers[name] = ReducedStepper(
+                    space.scene, space.U, space.decoder, CubatureSet(points, chosen.weights, 0.0)
+                )
                 seconds[name], cells[name] = [], space.scene.mesh.n_cells
             recorded = coarse.snapshots.recorded(MOTION)
             for _ in range(TRIES):

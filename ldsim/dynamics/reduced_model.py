@@ -14,8 +14,10 @@ from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, make_work
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.lifting import Lifting
+from ldsim.reduction.strain_maps import strain_maps
 from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
@@ -43,19 +45,6 @@ def reduced_rest_stiffness(scene: Scene, U: Array) -> Array:
     free = U.reshape(scene.mesh.n_vertices, 3, -1)[scene.free].reshape(3 * pattern.n_free, -1)
     stiffness: Array = free.T @ (matrix @ free)
     return 0.5 * (stiffness + stiffness.T)
-
-
-def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
-    """∂F/∂q of the given points, (c, 9, k) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
-    k = U.shape[1]
-    nodal = U.reshape(scene.mesh.n_vertices, 3, k)
-    maps = np.empty((len(points), 9, k))
-    for start in range(0, len(points), 4096):
-        part = points[start : start + 4096]
-        maps[start : start + 4096] = np.einsum(
-            "saik,saj->sijk", nodal[scene.points.nodes[part]], scene.points.gradients[part], optimize=True
-        ).reshape(-1, 9, k)
-    return maps
 
 
 class ReducedState:
@@ -152,7 +141,7 @@ class ReducedStepper:
     """Steps a scene in the space u = U φ(z) + L a with a weighted few quadrature points.
 
     Args:
-        points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
+        cubature: the points, on the mesh or virtual; `CubatureSet.every(scene)` for all.
         method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
         lifting: the pins that may move, L; None where all stand still.
@@ -166,8 +155,7 @@ class ReducedStepper:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        points: NDArray[np.int64],
-        weights: Array,
+        cubature: CubatureSet,
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 500,
@@ -176,7 +164,7 @@ class ReducedStepper:
         inertia_in_metric: bool = True,
         lifting: Lifting | None = None,
     ) -> None:
-        elements = scene.elements
+        elements, points = scene.elements, cubature.points
         self.decoder = decoder
         self._vertices = scene.mesh.vertices
         self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
@@ -185,8 +173,8 @@ class ReducedStepper:
         stiffness = reduced_rest_stiffness(scene, U)
         self._model = Reduced(
             decoder.layers,
-            strain_maps(scene, U, points),
-            np.ascontiguousarray(weights, dtype=np.float64),
+            cubature.strain_maps(scene, U),
+            np.ascontiguousarray(cubature.weights, dtype=np.float64),
             elements.kind[points],
             elements.mu[points],
             elements.lam[points],

@@ -43,7 +43,7 @@ def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int, progress: Pro
     found = fit(
         ProjectedForces(scene, U, linear, q[poses], metric=metric), Goal(ERROR, MAX_POINTS), progress=progress
     ).best
-    return ReducedStepper(scene, U, linear, found.points, found.weights, tolerance=TOLERANCE)
+    return ReducedStepper(scene, U, linear, found, tolerance=TOLERANCE)
 
 
 def rehearse(stepper: ReducedStepper, scene: Scene, motion: Motion, progress: Callable[[], object]) -> Array:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced_model import reduced_mass, reduced_rest_stiffness, strain_maps
+from ldsim.dynamics.reduced_model import reduced_mass, reduced_rest_stiffness
 from ldsim.export.source import ReducedSpace, Source, surface_of
 from ldsim.mechanics.scene import Scene
 
@@ -52,7 +52,7 @@ def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
         "rest": layers.rest,
         "skip": layers.skip,
         "activation": np.array([layers.activation], dtype=np.int32),
-        "strain_maps": strain_maps(scene, U, points),
+        "strain_maps": space.cubature.strain_maps(scene, U),
         "cubature_weights": np.ascontiguousarray(space.cubature.weights),
         "material": elements.kind[points].astype(np.int32),
         "mu": elements.mu[points],

@@ -67,7 +67,7 @@ def load(
     elif model.trust is not None:
         distrust = _distrust(model.trust)
     stopping = SHARE_OF_WEIGHT * EARTH * float(scene.vertex_mass.sum()) if tolerance is None else tolerance
-    stepper = ReducedStepper(scene, U, decoder, chosen.points, chosen.weights, tolerance=stopping)
+    stepper = ReducedStepper(scene, U, decoder, chosen, tolerance=stopping)
     dynamics = ReducedDynamics(scene, stepper)
     return Simulator(scene, dynamics, space, basis=U, points=chosen.points, distrust=distrust)
 

@@ -19,6 +19,7 @@ from ldsim.mechanics.motion import Conditions, Grab, GrabTracker, Motion, Suppor
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import inner_product, orthonormalised
@@ -64,8 +65,7 @@ def curved(k: int, r: int) -> Decoder:
 
 
 def stepper(body: Scene, U: Array, decoder: Decoder, **options: object) -> ReducedStepper:
-    every = np.arange(body.points.n_points)
-    return ReducedStepper(body, U, decoder, every, body.points.weights, **options)  # type: ignore[arg-type]
+    return ReducedStepper(body, U, decoder, CubatureSet.every(body), **options)  # type: ignore[arg-type]
 
 
 def pull(body: Scene, amount: float = 0.05) -> list[Grab]:

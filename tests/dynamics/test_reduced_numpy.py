@@ -15,6 +15,7 @@ from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
 from ldsim.mechanics.materials import lame_parameters
 from ldsim.mechanics.motion import Grab
 from ldsim.mesh.shapes import beam
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from tests.dynamics.test_reduced import some_basis
 from tests.helpers import scene
@@ -64,7 +65,9 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
     w = rng.uniform(0.5, 2, 7) * body.points.weights.sum() / 7
     U = some_basis(body, K)
     W1, W2, b1, A = rng.normal(size=(R, 5)), 0.05 * rng.normal(size=(5, K)), rng.normal(size=5), np.eye(R, K)
-    compiled = ReducedStepper(body, U, Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A), points, w)
+    compiled = ReducedStepper(
+        body, U, Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A), CubatureSet(points, w, 0.0)
+    )
 
     def elu(x: Complex) -> Complex:
         return np.where(x.real > 0, x, np.exp(x) - 1)

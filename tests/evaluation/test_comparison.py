@@ -111,16 +111,16 @@ def test_a_space_that_holds_every_motion_relative_to_pins_that_move_has_no_error
 
 def test_pins_that_a_stepper_was_not_prepared_for_are_refused_and_the_motion_named() -> None:
     support = Support(np.flatnonzero(BODY.pinned), np.tile(np.eye(3, 4), (2, 1, 1)))
-    U, every = basis(4), np.arange(BODY.points.n_points)
-    stepper = ReducedStepper(BODY, U, Decoder.identity(4), every, BODY.points.weights)
+    U, every = basis(4), CubatureSet.every(BODY)
+    stepper = ReducedStepper(BODY, U, Decoder.identity(4), every)
     with pytest.raises(MotionError, match="motion twist moves pins, for which this space was not prepared"):
         run_reduced(stepper, BODY, Motion("twist", 2, supports=(support,)), {}, range(2))
 
 
 def test_a_lost_run_ends_in_nan_and_counts_as_diverged() -> None:
     U = basis()
-    every = np.arange(BODY.points.n_points)
-    stepper = ReducedStepper(BODY, U, Decoder.identity(U.shape[1]), every, BODY.points.weights)
+    every = CubatureSet.every(BODY)
+    stepper = ReducedStepper(BODY, U, Decoder.identity(U.shape[1]), every)
     inverted = -2 * BODY.mesh.vertices
     inverted[BODY.pinned] = 0
     q = U.T @ (BODY.mass @ inverted).ravel()

@@ -98,7 +98,7 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, sou
     seen = np.array(opened.evaluate("Array.from(playground.solid.positions)")).reshape(-1, 3)
     opened.mouse("mouseReleased", (0, 0))
     some, body = source.spaces[space], source.scene
-    stepper = ReducedStepper(body, some.U, some.decoder, some.cubature.points, some.cubature.weights, tolerance=1e-9)
+    stepper = ReducedStepper(body, some.U, some.decoder, some.cubature, tolerance=1e-9)
     state = ReducedState.at_rest(some.decoder)
     grab = Grab(np.array(held["held"]), np.array(held["target"]), held["stiffness"])
     for _ in range(STEPS):

@@ -140,9 +140,7 @@ def swing(body: Scene) -> Motion:
 
 
 def play_in_python(body: Scene, space: ReducedSpace, motion: Motion, tracker: GrabTracker) -> tuple[Array, list[int]]:
-    stepper = ReducedStepper(
-        body, space.U, space.decoder, space.cubature.points, space.cubature.weights, tolerance=1e-9
-    )
+    stepper = ReducedStepper(body, space.U, space.decoder, space.cubature, tolerance=1e-9)
     state, q, iterations = ReducedState.at_rest(space.decoder), np.empty((motion.frames, K)), []
     for frame in range(motion.frames):
         state, solution = stepper.step(state, tracker.grabs(frame))

@@ -15,6 +15,7 @@ from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.solvers.solution import Reason, Solution
@@ -31,7 +32,7 @@ def reduced(body: Scene = BODY, decoder: Decoder | None = None, U: Array | None 
     decoder = curved_decoder() if decoder is None else decoder
     U = modes(body) if U is None else U
     every = np.arange(body.points.n_points)
-    stepper = ReducedStepper(body, U, decoder, every, body.points.weights, tolerance=1e-9)
+    stepper = ReducedStepper(body, U, decoder, CubatureSet.every(body), tolerance=1e-9)
     return Simulator(body, ReducedDynamics(body, stepper), "latent", basis=U, points=every, **options)
 
 

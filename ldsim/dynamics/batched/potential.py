@@ -18,8 +18,9 @@ from torch import Tensor
 
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import BY_NUMBER, Material
-from ldsim.dynamics.reduced_model import reduced_mass, strain_maps
+from ldsim.dynamics.reduced_model import reduced_mass
 from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 
 Array = NDArray[np.float64]
@@ -80,8 +81,7 @@ class BatchedModel:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        points: NDArray[np.int64],
-        weights: Array,
+        cubature: CubatureSet,
         device: torch.device,
         dtype: torch.dtype,
     ) -> BatchedModel:
@@ -89,8 +89,8 @@ class BatchedModel:
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
 
         elements = scene.elements
-        order = np.argsort(elements.kind[points], kind="stable")
-        points, weights = points[order], np.asarray(weights)[order]
+        order = np.argsort(elements.kind[cubature.points], kind="stable")
+        points, weights = cubature.points[order], np.asarray(cubature.weights)[order]
         kinds, starts = np.unique(elements.kind[points], return_index=True)
         stops = [*starts[1:], len(points)]
         return cls(
@@ -99,7 +99,7 @@ class BatchedModel:
                 Part(BY_NUMBER[int(kind)], slice(int(start), int(stop)))
                 for kind, start, stop in zip(kinds, starts, stops, strict=True)
             ),
-            tensor(strain_maps(scene, U, points).transpose(1, 2, 0)),
+            tensor(cubature.strain_maps(scene, U)[order].transpose(1, 2, 0)),
             tensor(weights),
             tensor(elements.mu[points]),
             tensor(elements.lam[points]),

@@ -18,6 +18,7 @@ from ldsim.dynamics.reduced_model import ReducedState
 from ldsim.errors import SolverError
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.solvers.solution import Reason
 
@@ -77,8 +78,7 @@ class BatchedStepper:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        points: NDArray[np.int64],
-        weights: Array,
+        cubature: CubatureSet,
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 100,
@@ -91,10 +91,10 @@ class BatchedStepper:
         if torch.device(device).type == "cuda" and not torch.cuda.is_available():
             raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
         self.device, self.dtype = torch.device(device), dtype
-        self.model = BatchedModel.of(scene, U, decoder, points, weights, self.device, dtype)
+        self.model = BatchedModel.of(scene, U, decoder, cubature, self.device, dtype)
         self.tolerance, self.max_iterations = tolerance, max_iterations
         room = LARGEST_TEMPORARY.get(self.device.type, LARGEST_TEMPORARY["cpu"])
-        self.piece = max(piece or room // (9 * decoder.r * max(len(points), 1)), 1)
+        self.piece = max(piece or room // (9 * decoder.r * max(len(cubature.points), 1)), 1)
         self._vertices = scene.mesh.vertices
         self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
         self._gravity = self.tensor(scene.gravity)

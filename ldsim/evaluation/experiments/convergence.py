@@ -16,6 +16,7 @@ from ldsim.evaluation.experiments.reduced_runs import Material, opened
 from ldsim.evaluation.experiments.scenes import cross
 from ldsim.evaluation.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
 from ldsim.mechanics.scene import Scene
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import nearest_latent
 from ldsim.solvers.solution import Solution
@@ -42,11 +43,11 @@ def _full(scene: Scene, u: Array) -> Solve:
 
 def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
     q = decoder(z)
-    points = np.arange(scene.points.n_points)
+    every = CubatureSet.every(scene)
 
     def solve(most: int) -> Solution:
         stepper = ReducedStepper(
-            scene, U, decoder, points, scene.points.weights,
+            scene, U, decoder, every,
             tolerance=TOLERANCE, max_iterations=most, method=Method.LBFGS, current=False, inertia_in_metric=False,
         )  # fmt: skip
         return stepper.step(ReducedState.moving(z, z, q, q), [])[1]

@@ -92,11 +92,8 @@ class Material:
         """Run a motion in the space of a decoder, with every quadrature point unless a set is given; with errors."""
         scene = scene or self.scene
         U = np.ascontiguousarray(self.basis.U[:, : decoder.k])
-        every = CubatureSet(np.arange(scene.points.n_points), scene.points.weights, 0.0)
-        chosen = every if points is None else points
-        stepper = ReducedStepper(
-            scene, U, decoder, chosen.points, chosen.weights, tolerance=STOP, max_iterations=200, current=current
-        )
+        chosen = CubatureSet.every(scene) if points is None else points
+        stepper = ReducedStepper(scene, U, decoder, chosen, tolerance=STOP, max_iterations=200, current=current)
         recorded = self.recorded(motion)
         count = min(frames or recorded.motion.frames, recorded.motion.frames)
         run = run_reduced(stepper, scene, recorded.motion, recorded.held, range(count))

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
+from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.candidates import Candidates
 from ldsim.reduction.cubature.rows import Rows
+from ldsim.reduction.strain_maps import strain_maps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -27,14 +29,18 @@ class CubatureSet:
         points: quadrature points of the scene, ascending, (c,) int64.
         weights: their weights, (c,) float64, m³, positive; they replace the scene's.
         training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
+        maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
+            material of its point of the mesh, but a deformation gradient of its own (`virtual`).
 
     Raises:
-        SolverError: on shapes that differ, a point given twice, or a weight that is not positive and finite.
+        SolverError: on shapes that differ, a point given twice, a weight that is not positive and finite, or maps that
+            are not finite.
     """
 
     points: Indices
     weights: Array
     training_error: float
+    maps: Array | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 1 or self.points.shape != self.weights.shape:
@@ -46,6 +52,29 @@ class CubatureSet:
             raise SolverError("cubature set has a point twice; give each one weight")
         if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):
             raise SolverError(f"cubature weight is {self.weights.min():g} m³; all must be positive and finite")
+        if self.maps is not None and self.maps.shape[:2] != (len(self.points), 9):
+            raise SolverError(
+                f"cubature set has strain maps of shape {self.maps.shape}; must be ({len(self.points)}, 9, k)"
+            )
+        if self.maps is not None and not np.isfinite(self.maps).all():
+            raise SolverError("cubature set has strain maps that are not finite")
+
+    @classmethod
+    def every(cls, scene: Scene) -> CubatureSet:
+        """All quadrature points of a scene with their own weights."""
+        return cls(np.arange(scene.points.n_points), scene.points.weights, 0.0)
+
+    def strain_maps(self, scene: Scene, U: Array) -> Array:
+        """∂F/∂q of the points in the space of U, (3n, k): their own, or those of the mesh; (c, 9, k) float64, 1/m.
+
+        Raises:
+            SolverError: the maps are of a basis of another size.
+        """
+        if self.maps is None:
+            return strain_maps(scene, U, self.points)
+        if self.maps.shape[2] != U.shape[1]:
+            raise SolverError(f"cubature has strain maps of {self.maps.shape[2]} columns; the basis has {U.shape[1]}")
+        return np.ascontiguousarray(self.maps, dtype=np.float64)
 
 
 @dataclass(frozen=True)

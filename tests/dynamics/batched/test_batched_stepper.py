@@ -20,6 +20,7 @@ from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
+from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.pca import inner_product, orthonormalised
 from ldsim.solvers.solution import Reason
@@ -61,8 +62,8 @@ CASES = {f"{material} elu": (material, DECODERS["elu"]) for material in MATERIAL
 CASES |= {f"neo_hookean {name}": ("neo_hookean", decoder) for name, decoder in DECODERS.items()}
 
 
-def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, NDArray[np.int64], Array]:
-    return some, basis(some), decoder, np.arange(some.points.n_points), some.points.weights
+def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, CubatureSet]:
+    return some, basis(some), decoder, CubatureSet.every(some)
 
 
 def batched(some: Scene, decoder: Decoder, **options: object) -> BatchedStepper:
