@@ -88,7 +88,7 @@ def main(folder: Path, sizes: tuple[int, ...]) -> None:
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
     decoder = read_model(folder / "model.h5")[0].decoder
-    cubature = read_cubature(folder / "cubature.h5")[0]["latent"].best
+    cubature = read_cubature(folder / "cubature.h5")[0]["latent"].stepped
     model, rows = folder.name, []
 
     def note(quantity: str, value: float, unit: str) -> None:

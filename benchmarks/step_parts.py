@@ -104,7 +104,7 @@ def measure(folder: Path) -> list[Row]:
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
     decoder = read_model(folder / "model.h5")[0].decoder
-    points = read_cubature(folder / "cubature.h5")[0]["latent"].best
+    points = read_cubature(folder / "cubature.h5")[0]["latent"].stepped
     steppers = {stop: ReducedStepper(scene, U, decoder, points, tolerance=stop) for stop in STOPS}
     with Snapshots(folder / "snapshots.h5") as snapshots:
         first = snapshots.recorded(snapshots.names[0])

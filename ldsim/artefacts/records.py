@@ -13,7 +13,7 @@ from ldsim.artefacts.store import Header, read_header, reading, write
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
-from ldsim.reduction.cubature.ladder import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis
@@ -194,16 +194,24 @@ class StoredCubature:
         heldout_errors: relative error of each on held-out poses, (l,).
         chosen: index of the set in the ladder.
         perturbed_errors: relative error of each on perturbed poses, (l,); None where it was not measured.
+        virtual: virtual points, fitted from a set of the ladder; None where there are none.
     """
 
     ladder: tuple[CubatureSet, ...]
     heldout_errors: Array
     chosen: int
     perturbed_errors: Array | None = None
+    virtual: VirtualSelection | None = None
 
     @property
     def best(self) -> CubatureSet:
+        """The chosen set of the ladder, on the mesh."""
         return self.ladder[self.chosen]
+
+    @property
+    def stepped(self) -> CubatureSet:
+        """What a step takes unless told otherwise: the virtual points, or else the chosen set."""
+        return self.best if self.virtual is None else self.virtual.cubature
 
     def at_most(self, points: int) -> CubatureSet:
         """The largest set of at most so many points."""
@@ -225,6 +233,12 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]
             datasets[f"{space}/ladder_perturbed_errors"] = stored.perturbed_errors
         datasets[f"{space}/ladder_points"] = np.concatenate([entry.points for entry in stored.ladder])
         datasets[f"{space}/ladder_weights"] = np.concatenate([entry.weights for entry in stored.ladder])
+        if stored.virtual is not None:
+            found = stored.virtual.cubature
+            assert found.maps is not None
+            errors = np.array([found.training_error, stored.virtual.heldout_error, stored.virtual.perturbed_error])
+            datasets |= {f"{space}/virtual_points": found.points, f"{space}/virtual_weights": found.weights}
+            datasets |= {f"{space}/virtual_maps": found.maps, f"{space}/virtual_errors": errors}
     write(path, header, datasets)
 
 
@@ -250,4 +264,12 @@ def _stored_cubature(group: h5py.Group) -> StoredCubature:
         if np.array_equal(entry.points, group["points"][:]) and np.array_equal(entry.weights, group["weights"][:])
     ]
     perturbed = group["ladder_perturbed_errors"][:] if "ladder_perturbed_errors" in group else None
-    return StoredCubature(ladder, errors[:, 1], chosen[0], perturbed)
+    return StoredCubature(ladder, errors[:, 1], chosen[0], perturbed, _virtual(group))
+
+
+def _virtual(group: h5py.Group) -> VirtualSelection | None:
+    if "virtual_points" not in group:
+        return None
+    training, heldout, perturbed = (float(error) for error in group["virtual_errors"][:])
+    points, weights, maps = (group[f"virtual_{name}"][:] for name in ("points", "weights", "maps"))
+    return VirtualSelection(CubatureSet(points, weights, training, maps), heldout, perturbed)

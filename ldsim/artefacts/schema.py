@@ -32,6 +32,10 @@ _SETS = (
     Dataset("*/ladder_perturbed_errors", "f8", ("l",), "", "their relative error on perturbed poses", True),
     Dataset("*/ladder_points", "i8", ("a",), "", "the points of all sets of the ladder, one set after another"),
     Dataset("*/ladder_weights", "f8", ("a",), "m³", "their weights"),
+    Dataset("*/virtual_points", "i8", ("v",), "", "quadrature points whose materials the virtual points have", True),
+    Dataset("*/virtual_weights", "f8", ("v",), "m³", "their weights, > 0", True),
+    Dataset("*/virtual_maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),
+    Dataset("*/virtual_errors", "f8", (3,), "", "their error on fitted, held-out and perturbed poses", True),
 )
 
 _MOTION = (

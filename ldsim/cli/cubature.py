@@ -16,7 +16,9 @@ from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.reduced_model import reduced_rest_stiffness
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import VirtualSelection
 from ldsim.reduction.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
+from ldsim.reduction.cubature.virtual import VirtualRecipe, select_virtual
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import inner_product
@@ -69,7 +71,10 @@ def command(run: Run) -> None:
 
                 found = select(space, fitted, kept_back, recipe if name == "latent" else linear, show)
             ladder = found.fit.ladder
-            spaces[name] = StoredCubature(ladder, found.heldout_errors, len(ladder) - 1, found.perturbed_errors)
+            virtual = _virtual(name, space, found, kept_back, recorded, settings)
+            spaces[name] = StoredCubature(
+                ladder, found.heldout_errors, len(ladder) - 1, found.perturbed_errors, virtual
+            )
             seconds[f"{name}_seconds"] = time.perf_counter() - started
             missed |= not found.fit.met
             _warn(name, found, settings)
@@ -95,6 +100,32 @@ def _recipe(settings: CubatureSettings) -> Recipe:
         settings.candidates,
         settings.threads,
     )
+
+
+def _virtual(
+    name: str,
+    space: PoseSpace,
+    found: Selection,
+    kept_back: NDArray[np.int64],
+    recorded: int,
+    settings: CubatureSettings,
+) -> VirtualSelection | None:
+    """The virtual points of a space, where some are asked for."""
+    asked = settings.virtual
+    points = asked.points if name == "latent" else asked.linear_points
+    if not points:
+        return None
+    recipe = VirtualRecipe(
+        points, asked.poses, asked.closure, asked.steps, asked.batch, asked.rate, settings.seed, settings.threads
+    )
+    with one_thread(), progress_bar(asked.steps, f"cubature {name}, virtual points", "step") as bar:
+        bar.set_postfix_str("forces of the poses")
+
+        def show(step: int, error: float) -> None:
+            bar.set_postfix_str(f"relative error {error:.3f}", refresh=False)
+            bar.update(step - bar.n)
+
+        return select_virtual(space, found.fit.ladder, kept_back, recorded, recipe, show)
 
 
 def _pose_spaces(
@@ -134,6 +165,10 @@ def _warn(space: str, found: Selection, settings: CubatureSettings) -> None:
 def _summary(space: str, stored: StoredCubature) -> str:
     assert stored.perturbed_errors is not None
     errors = stored.best.training_error, stored.heldout_errors[stored.chosen], stored.perturbed_errors[stored.chosen]
-    return "{}: {} points, relative error {:.3f}, held out {:.3f}, perturbed {:.3f}".format(
-        space, len(stored.best.points), *errors
-    )
+    words = "{} points, relative error {:.3f}, held out {:.3f}, perturbed {:.3f}"
+    told = f"{space}: " + words.format(len(stored.best.points), *errors)
+    if stored.virtual is not None:
+        found = stored.virtual
+        errors = found.cubature.training_error, found.heldout_error, found.perturbed_error
+        told += "; " + words.format(f"{len(found.cubature.points)} virtual", *errors)
+    return told

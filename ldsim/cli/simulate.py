@@ -45,9 +45,9 @@ def command(run: Run) -> None:
             narrow,
             Decoder.identity(model.kp),
             Encoder((), ()),
-            _set(cubature["linear"], settings.linear_points),
+            _set(cubature["linear"], settings.linear_points, changed),
         ),
-        ReducedSpace("latent", U, model.decoder, model.encoder, _set(cubature["latent"], settings.points)),
+        ReducedSpace("latent", U, model.decoder, model.encoder, _set(cubature["latent"], settings.points, changed)),
     ]
     options = Options(settings.tolerance, settings.max_iterations, settings.full_frames, settings.window)
     runs: dict[str, dict[str, Trajectory]] = {"full": {}, "linear": {}, "latent": {}}
@@ -78,8 +78,11 @@ def command(run: Run) -> None:
     _warn_of_distrust(runs, model.trust)
 
 
-def _set(stored: StoredCubature, points: int | None) -> CubatureSet:
-    return stored.best if points is None else stored.at_most(points)
+def _set(stored: StoredCubature, points: int | None, changed: bool) -> CubatureSet:
+    """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
+    if points is not None:
+        return stored.at_most(points)
+    return stored.best if changed else stored.stepped
 
 
 def _motions(wanted: tuple[str, ...] | None, known: list[str]) -> list[str]:

@@ -17,6 +17,7 @@ from ldsim.evaluation.errors import MM_PER_M
 from ldsim.evaluation.finished_run import FinishedRun
 from ldsim.evaluation.machine import describe_machine
 from ldsim.evaluation.report_schema import SPACES
+from ldsim.reduction.cubature.ladder import VirtualSelection
 from ldsim.reduction.trust import remembered
 
 Array = NDArray[np.float64]
@@ -115,8 +116,14 @@ def _cubature(run: FinishedRun, space: str) -> dict[str, Any] | None:
             "train": _finite(stored.best.training_error),
             "heldout": _finite(stored.heldout_errors[stored.chosen]),
         },
+        "virtual": None if stored.virtual is None else _virtual(stored.virtual),
         "seconds": None if seconds is None else _finite(float(seconds)),
     }
+
+
+def _virtual(found: VirtualSelection) -> dict[str, Any]:
+    errors = {"train": _finite(found.cubature.training_error), "heldout": _finite(found.heldout_error)}
+    return {"points": len(found.cubature.points), "relative_error": errors}
 
 
 def _simulation(run: FinishedRun, motion: str, trajectory: Trajectory) -> dict[str, Any]:

@@ -115,8 +115,15 @@ TRUTH = Scalar((bool,), "true or false")
 
 ERRORS = Record({"max_mm": NUMBER, "mean_mm": NUMBER}, nullable=True)
 RECONSTRUCTION = Record(dict.fromkeys(METHODS, ERRORS), nullable=True)
+FORCE_ERROR = Record({"train": NUMBER, "heldout": NUMBER})
 CUBATURE = Record(
-    {"points": COUNT, "relative_error": Record({"train": NUMBER, "heldout": NUMBER}), "seconds": NUMBER}, nullable=True
+    {
+        "points": COUNT,
+        "relative_error": FORCE_ERROR,
+        "virtual": Record({"points": COUNT, "relative_error": FORCE_ERROR}, nullable=True),
+        "seconds": NUMBER,
+    },
+    nullable=True,
 )
 ONLINE_ERROR = Record({"relative": NUMBER, "windowed": NUMBER, "max_mm": NUMBER, "mean_mm": NUMBER}, nullable=True)
 TRUST = Record(

@@ -111,10 +111,17 @@ def cubature(report: Mapping[str, Any]) -> Section:
         entry = report["cubature"][space] or {"points": None, "relative_error": dict.fromkeys(ROLES), "seconds": None}
         errors = [number(entry["relative_error"][role]) for role in ROLES]
         rows.append((space_label(space), number(entry["points"]), *errors, number(entry["seconds"])))
+        virtual = entry.get("virtual")
+        if virtual is not None:
+            errors = [number(virtual["relative_error"][role]) for role in ROLES]
+            label = joined(space_label(space), text(", virtual points"))
+            rows.append((label, number(virtual["points"]), *errors, text("")))
     header = ("space", "points", "relative error, training", "relative error, held-out", "seconds")
     note = remark(
         "Forces are summed over a weighted few of the quadrature points; the error is that of the reduced force. "
-        "Held-out poses are of the training motions, kept back from the fit."
+        "Held-out poses are of the training motions, kept back from the fit. Virtual points, where there are "
+        "some, are what was stepped; they aim at the forces of the true poses instead of the decoded ones, which is "
+        "harder to meet."
     )
     return Section("Cubature", (note, table(header, rows, "Cubature sets of the two reduced spaces")), ("cubature",))
 

@@ -183,8 +183,8 @@ class Source:
         self._check(header, "scene", "basis", "model")
         narrow = np.ascontiguousarray(self.basis[:, : self.model.kp])
         return {
-            "latent": ReducedSpace(self.basis, self.model.decoder, cubature["latent"].best),
-            "linear": ReducedSpace(narrow, Decoder.identity(self.model.kp), cubature["linear"].best),
+            "latent": ReducedSpace(self.basis, self.model.decoder, cubature["latent"].stepped),
+            "linear": ReducedSpace(narrow, Decoder.identity(self.model.kp), cubature["linear"].stepped),
         }
 
     def recorded(self, motion: str) -> Recorded:

@@ -92,6 +92,16 @@ class TrainSettings(Section):
     device: str = Field("auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
 
 
+class VirtualSettings(Section):
+    points: int = Field(32, ge=0, description="Most virtual points of the latent set; 0 for none.")
+    linear_points: int = Field(0, ge=0, description="The same for the linear set.")
+    poses: int = Field(5000, ge=2, description="Most poses to fit; half recorded ones where others were rehearsed.")
+    closure: float = Field(1.0, ge=0, le=1, description="Share of the true poses' forces in what is aimed at.")
+    steps: int = Field(4000, ge=1, description="Of Adam.")
+    batch: int = Field(256, ge=1, description="States in one gradient.")
+    rate: float = Field(3e-3, gt=0, lt=1, description="Largest step, in root mean squares of the strain maps' columns.")
+
+
 class CubatureSettings(Section):
     method: Literal["exchange", "ecsw", "an", "nn_htp", "uniform"] = Field(
         "exchange", description="How the points are found (docs/cubature.md)."
@@ -113,6 +123,7 @@ class CubatureSettings(Section):
     energy: float = Field(0.0, ge=0, description="Weight of the energy in the fit; 0 leaves it out.")
     closure: float = Field(0.0, ge=0, le=1, description="Share of the true poses' forces in the latent set's target.")
     volume: float = Field(0.3, ge=0, description="Weight of the total volume in the fit; 0 leaves it out.")
+    virtual: VirtualSettings = VirtualSettings()  # type: ignore[call-arg]
     candidates: int = Field(50_000, ge=1, description="Most points looked at, drawn at random where there are more.")
     threads: int = Field(0, ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
     seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")

@@ -44,7 +44,7 @@ def load(
     Args:
         run: the folder of the run, such as runs/x.
         space: "latent", "linear" or "full"; the full space needs only scene.h5.
-        points: use the largest cubature of at most so many points instead of the one that was chosen.
+        points: use the largest cubature of at most so many points of the mesh instead of the one that was chosen.
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 10⁻⁴ of the solid's weight in a
             reduced space, 10⁻⁶ N in the full one.
 
@@ -60,7 +60,7 @@ def load(
     if space == "full":
         return full_simulator(scene, 1e-6 if tolerance is None else tolerance)
     basis, model, cubature = _reduced_parts(folder)
-    chosen = cubature[space].best if points is None else cubature[space].at_most(points)
+    chosen = cubature[space].stepped if points is None else cubature[space].at_most(points)
     U, decoder, distrust = basis.basis.U, model.decoder, None
     if space == "linear":
         U, decoder = np.ascontiguousarray(U[:, : model.kp]), Decoder.identity(model.kp)

@@ -31,7 +31,7 @@ from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.ladder import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis
@@ -80,7 +80,8 @@ def cubature() -> dict[str, StoredCubature]:
         sets = (CubatureSet(np.arange(n) * 2, numbers(n), 1.0 / n) for n in sizes)
         return StoredCubature(tuple(sets), numbers(len(sizes)), 1)
 
-    return {"latent": stored(2, 5, 9), "linear": stored(3, 4)}
+    found = VirtualSelection(CubatureSet(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75)
+    return {"latent": replace(stored(2, 5, 9), virtual=found), "linear": stored(3, 4)}
 
 
 def simulation() -> dict[str, dict[str, Trajectory]]:

@@ -21,6 +21,12 @@ def test_it_tells_and_stores_the_errors_on_fitted_held_out_and_perturbed_poses(e
         errors = stored.best.training_error, stored.heldout_errors[-1], stored.perturbed_errors[-1]
         words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
         assert f"{space}: {len(stored.best.points)} points, relative error {words}" in result.stdout
+    found = spaces["latent"].virtual
+    assert found is not None
+    errors = found.cubature.training_error, found.heldout_error, found.perturbed_error
+    words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
+    assert f"; {len(found.cubature.points)} virtual points, relative error {words}" in result.stdout
+    assert spaces["linear"].virtual is None
 
 
 def test_a_missed_tolerance_is_told_by_the_status_and_costs_no_artefact(experiment: Experiment) -> None:
@@ -52,9 +58,15 @@ def test_simulate_takes_the_set_of_so_many_points(experiment: Experiment) -> Non
         assert found is not None
         return found[-1].round(9).tolist()
 
-    ladder = read_cubature(experiment.run / "cubature.h5")[0]["latent"].ladder
-    assert coordinates(points=1) != coordinates()
-    assert coordinates(points=len(ladder[-1].points)) == pytest.approx(coordinates(), abs=1e-6)
+    stored = read_cubature(experiment.run / "cubature.h5")[0]["latent"]
+    most, virtual = len(stored.best.points), coordinates()
+    on_mesh = coordinates(points=most)
+    assert coordinates(points=1) != pytest.approx(on_mesh, abs=1e-6)
+    assert on_mesh != pytest.approx(virtual, abs=1e-6)
+    experiment.configure(TINY | {"cubature": CUBATURE | {"virtual": {"points": 0}}})
+    assert experiment.invoke("cubature").exit_code == 0
+    assert read_cubature(experiment.run / "cubature.h5")[0]["latent"].virtual is None
+    assert coordinates() == pytest.approx(on_mesh, abs=1e-6)
 
 
 def test_sets_of_an_older_version_without_perturbed_errors_are_read(experiment: Experiment) -> None:
@@ -62,3 +74,16 @@ def test_sets_of_an_older_version_without_perturbed_errors_are_read(experiment: 
     with h5py.File(path, "r+") as file:
         del file["latent/ladder_perturbed_errors"]
     assert read_cubature(path)[0]["latent"].perturbed_errors is None
+
+
+def test_another_material_is_stepped_with_points_of_the_mesh(experiment: Experiment) -> None:
+    def coordinates(cubature: dict[str, object], **settings: object) -> list[float]:
+        experiment.configure(TINY | {"cubature": CUBATURE | cubature, "simulate": TINY["simulate"] | settings})
+        assert experiment.invoke("cubature").exit_code == 0
+        assert experiment.invoke("simulate").exit_code == 0
+        found = read_simulation(experiment.run / "simulation.h5")[0]["latent"]["a"].coordinates
+        assert found is not None
+        return found[-1].round(9).tolist()
+
+    softer = {"material": {"youngs_modulus": 3.0e4}}
+    assert coordinates({}, **softer) == pytest.approx(coordinates({"virtual": {"points": 0}}, **softer), abs=1e-6)

@@ -19,8 +19,18 @@ def example_report() -> dict[str, Any]:
         },
         "rest_residual_mm": 0.00012,
         "cubature": {
-            "latent": {"points": 69, "relative_error": {"train": 0.0497, "heldout": 0.1123}, "seconds": 4.31},
-            "linear": {"points": 366, "relative_error": {"train": 0.0731, "heldout": None}, "seconds": 18.72},
+            "latent": {
+                "points": 69,
+                "relative_error": {"train": 0.0497, "heldout": 0.1123},
+                "virtual": {"points": 32, "relative_error": {"train": 0.0873, "heldout": 0.1012}},
+                "seconds": 4.31,
+            },
+            "linear": {
+                "points": 366,
+                "relative_error": {"train": 0.0731, "heldout": None},
+                "virtual": None,
+                "seconds": 18.72,
+            },
         },
         "simulate": {
             "full": [_run("x_2", "heldout", 558, 131.9, 188.4, 8.61, 9.51, None)],

@@ -47,7 +47,7 @@ class Material:
         return read_model(self.folder / "model.h5")[0]
 
     def cubature(self, space: str) -> CubatureSet:
-        return read_cubature(self.folder / "cubature.h5")[0][space].best
+        return read_cubature(self.folder / "cubature.h5")[0][space].stepped
 
     @property
     def names(self) -> list[str]:

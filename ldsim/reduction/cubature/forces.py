@@ -103,9 +103,10 @@ class ProjectedForces:
         given = np.empty((len(z), 0)) if given is None else given
         _check_shapes(scene, self._U, decoder, z, given, floor)
         q = np.hstack([decoder(z), given])
-        forces, finite = self._total_forces(lambda t: self._U @ q[t], len(q))
+        forces, finite = total_forces(self._elements, self._U, lambda t: self._U @ q[t], len(q), threads)
         if closure is not None:
-            aimed, possible = self._total_forces(_checked(closure, scene.mesh.n_vertices), min(closure.poses, len(q)))
+            true = _checked(closure, scene.mesh.n_vertices)
+            aimed, possible = total_forces(self._elements, self._U, true, min(closure.poses, len(q)), threads)
             forces[: len(aimed)] += closure.share * (aimed - forces[: len(aimed)])
             finite[: len(aimed)] &= possible
         if not finite.any():
@@ -217,18 +218,26 @@ class ProjectedForces:
         projected: Array = self._jacobians.transpose(0, 2, 1) @ outer.transpose(2, 1, 0)
         return projected
 
-    def _total_forces(self, displacement: Callable[[int], Array], count: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Uᵀ f of every pose, (T, k), N, and which poses have finite energy, (T,)."""
-        shape = (len(self._U) // 3, 3)
 
-        def force(t: int) -> tuple[Array, bool]:
-            gradient = np.zeros(shape)
-            energy = add_elastic_gradient(self._elements, displacement(t).reshape(shape), gradient)
-            return gradient.ravel() @ self._U, bool(np.isfinite(energy))
+def total_forces(
+    elements: Elements, U: Array, displacement: Callable[[int], NDArray[np.floating]], count: int, threads: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Uᵀ f of the displacements 0 … count − 1, (T, k), N, and which have finite energy, (T,).
 
-        found = list(in_threads(force, range(count), self._threads))
-        forces = np.array([f for f, _ in found]).reshape(count, -1)
-        return forces, np.array([finite for _, finite in found], dtype=bool) & np.isfinite(forces).all(axis=1)
+    Args:
+        threads: that share them out, 0 for one a core. The result does not depend on it.
+    """
+    shape = (len(U) // 3, 3)
+
+    def force(t: int) -> tuple[Array, bool]:
+        gradient = np.zeros(shape)
+        u = np.ascontiguousarray(displacement(t), dtype=np.float64).reshape(shape)
+        energy = add_elastic_gradient(elements, u, gradient)
+        return gradient.ravel() @ U, bool(np.isfinite(energy))
+
+    found = list(in_threads(force, range(count), threads))
+    forces = np.array([f for f, _ in found]).reshape(count, -1)
+    return forces, np.array([finite for _, finite in found], dtype=bool) & np.isfinite(forces).all(axis=1)
 
 
 def pose_scales(norms: Array, floor: float, rounding: float) -> Array:

@@ -1,4 +1,4 @@
-"""Sets of cubature points: a smaller quadrature rule, and the best one found of each size."""
+"""Sets of cubature points: a smaller quadrature rule, on the mesh or virtual, and the best one found of each size."""
 
 from __future__ import annotations
 
@@ -75,6 +75,15 @@ class CubatureSet:
         if self.maps.shape[2] != U.shape[1]:
             raise SolverError(f"cubature has strain maps of {self.maps.shape[2]} columns; the basis has {U.shape[1]}")
         return np.ascontiguousarray(self.maps, dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualSelection:
+    """Virtual points with their errors on poses kept back from everything, and on perturbed states of these."""
+
+    cubature: CubatureSet
+    heldout_error: float
+    perturbed_error: float
 
 
 @dataclass(frozen=True)

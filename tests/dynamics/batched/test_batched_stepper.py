@@ -103,6 +103,25 @@ def test_fifty_frames_of_different_grabs_are_those_of_the_serial_stepper(
         np.testing.assert_allclose(state.serial(i).q, expected.q, atol=1e-8)
 
 
+def test_virtual_points_of_several_materials_are_those_of_the_serial_stepper() -> None:
+    plain, rng = body(), np.random.default_rng(4)
+    kinds = np.where(np.arange(plain.mesh.n_cells) % 2 == 0, MATERIALS["fixed_corotated"], plain.material)
+    mixed = replace(plain, material=kinds.astype(np.int8))
+    every = CubatureSet.every(mixed)
+    maps = every.strain_maps(mixed, basis(plain))
+    virtual = replace(every, maps=maps * rng.uniform(0.9, 1.1, maps.shape))
+    grabs = pulls(plain, 1)
+    stepper = BatchedStepper(mixed, basis(plain), curved(), virtual, tolerance=1e-9)
+    state = march(stepper, stepper.conditions([grabs]), 20)
+    serial, on_mesh = (ReducedStepper(mixed, basis(plain), curved(), some, tolerance=1e-9) for some in (virtual, every))
+    expected, other = ReducedState.at_rest(curved()), ReducedState.at_rest(curved())
+    for _ in range(20):
+        expected, _ = serial.step(expected, grabs)
+        other, _ = on_mesh.step(other, grabs)
+    np.testing.assert_allclose(state.serial(0).q, expected.q, atol=1e-8)
+    assert np.abs(other.q - expected.q).max() > 1e-5
+
+
 def test_single_precision_follows_double_precision() -> None:
     grabs = [pulls(body(), seed) for seed in range(3)]
     fine, coarse = batched(body(), curved()), batched(body(), curved(), dtype=torch.float32, tolerance=1e-4)
