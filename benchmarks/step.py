@@ -1,17 +1,17 @@
 """Error against step time of finished runs, the linear space swept: python benchmarks/step.py runs/x [runs_2/x …]
 
-Every linear space gets its own cubature, and besides its best set smaller ones of the same ladder; each space has the
-fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code applies it. More runs of
-the same scene add their latent spaces: other r, k and widths. All are judged with the loosest stop on every motion of
-the first run, whole and restarted every 0.25 s, and timed in one process, one thread, in turns: a motion is stepped
-several times, and the least time of each of its steps counts, for other tenants of a machine only add time. The
-frontier of each motion goes to docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions.
+Every space, linear or latent, has a cubature of its own on the mesh and virtual points of several sizes, fitted to the
+same poses, and the fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code
+applies it. What is fitted is kept in `step` beside the runs. More runs of the same scene add their latent spaces: other r, k and
+widths. All are judged with the loosest stop on every motion of the first run, whole and restarted every 0.25 s, and
+timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps counts,
+for other tenants of a machine only add time. The frontier of each motion goes to docs/pictures/step_RUN_MOTION.svg.
+`--quick` takes four dimensions.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -21,35 +21,24 @@ from numpy.typing import NDArray
 from results_file import write_results
 from scipy.sparse import csr_array
 from step_frontier import Point, picture, ratios, rows
+from step_spaces import latent_spaces, linear_spaces
 from tqdm import tqdm
 
-from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.records import read_basis, read_model, read_scene
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.dynamics.reduced import Method
-from ldsim.dynamics.reduced_model import ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.reduced_model import ReducedStepper
 from ldsim.evaluation.comparison import Frames, ReducedSpace, fastest, restarts_every, run_reduced, with_errors
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.fit import fit
-from ldsim.reduction.cubature.forces import ProjectedForces
-from ldsim.reduction.cubature.goal import Goal
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.cubature.metric import rest_compliance
-from ldsim.reduction.cubature.selection import split_poses
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import inner_product
-from ldsim.reduction.reconstruction import all_coordinates
 from ldsim.threads import one_thread
 
 DIMENSIONS = (20, 25, 30, 35, 40, 50, 60)
 QUICK = (20, 30, 40, 50)
-TOLERANCE = 0.03
 # ‖∇E‖ ≤ stop · max(‖z‖, 1), N: 10⁻⁸ of the potential as the paper prints it; the same, and the 10⁻⁷ of some of its
 # models, of what the authors' code minimises: h² times the potential with h = 5 ms.
 STOPS = (1e-8, 4e-4, 4e-3)
 WINDOW = 0.25
-# Shares of a set's points that the smaller sets of its ladder have at most.
-SMALLER = (0.45, 0.7)
 REPEATS = 5
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 
@@ -114,53 +103,18 @@ def point(timed: Timed, motion: str, online: float, windowed: float) -> Point:
     )
 
 
-def smaller(ladder: tuple[CubatureSet, ...], best: CubatureSet) -> list[CubatureSet]:
-    """The best set of a ladder, first, and some of fewer points."""
-    found = [best]
-    for share in SMALLER:
-        fewer = [entry for entry in ladder if len(entry.points) <= share * len(best.points)]
-        found += [max(fewer, key=lambda entry: len(entry.points))] if fewer else []
-    return found
-
-
-def latent_spaces(folder: Path) -> Iterator[ReducedSpace]:
-    """The latent space of a run with its best set and smaller ones."""
-    U = read_basis(folder / "basis.h5")[0].basis.U
-    model, _ = read_model(folder / "model.h5")
-    sets = read_cubature(folder / "cubature.h5")[0]["latent"]
-    for points in smaller(sets.ladder, sets.best):
-        yield ReducedSpace("latent", U, model.decoder, model.encoder, points)
-
-
-def linear_spaces(
-    scene: Scene, U: NDArray[np.float64], snapshots: Snapshots, dimensions: list[int]
-) -> Iterator[ReducedSpace]:
-    """Linear spaces of several dimensions, each with a cubature of its own on the training frames."""
-    names, metric = snapshots.with_role("train"), inner_product(scene.mass, "mass")
-    q: NDArray[np.float64] = all_coordinates(lambda: snapshots.chunks(names), metric, U)
-    fitted, _ = split_poses(len(q), min(400, len(q) * 2 // 3), 0, seed=0)
-    stiffness = reduced_rest_stiffness(scene, U)
-    for k in dimensions:
-        narrow, identity = np.ascontiguousarray(U[:, :k]), Decoder.identity(k)
-        compliance = rest_compliance(stiffness[:k, :k], identity, q[:, :k])
-        forces = ProjectedForces(scene, narrow, identity, q[fitted, :k], metric=compliance)
-        found = fit(forces, Goal(TOLERANCE, 800))
-        for points in smaller(found.ladder, found.best):
-            yield ReducedSpace("linear", narrow, identity, Encoder((), ()), points)
-
-
-def main(folders: list[Path], quick: bool) -> None:
+def main(folders: list[Path], quick: bool, kept: Path) -> None:
     folder = folders[0]
     scene, _ = read_scene(folder / "scene.h5")
-    U = read_basis(folder / "basis.h5")[0].basis.U
+    basis = read_basis(folder / "basis.h5")[0].basis.U.shape[1]
     kp = read_model(folder / "model.h5")[0].kp
     metric = inner_product(scene.mass, "mass")
     timed: list[Timed] = []
     error: dict[tuple[int, str], tuple[float, float]] = {}
     with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
         motions = {name: snapshots.recorded(name) for name in snapshots.names}
-        swept = sorted({*(QUICK if quick else DIMENSIONS), kp} & set(range(U.shape[1] + 1)))
-        spaces = [latent_spaces(each) for each in folders] + [linear_spaces(scene, U, snapshots, swept)]
+        swept = sorted({*(QUICK if quick else DIMENSIONS), kp} & set(range(basis + 1)))
+        spaces = [latent_spaces(each, kept) for each in folders] + [linear_spaces(folder, swept, kept)]
         for space in (space for some in spaces for space in some):
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
             timed += [Timed.of(scene, space, stop, motions[snapshots.names[0]]) for stop in STOPS]
@@ -192,4 +146,4 @@ if __name__ == "__main__":
         sys.exit(
             "usage: python benchmarks/step.py runs/EXPERIMENT [other runs of its scene …] [--quick] (finished runs)"
         )
-    main(given, "--quick" in sys.argv)
+    main(given, "--quick" in sys.argv, given[0].parent / "step")

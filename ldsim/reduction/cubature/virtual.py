@@ -17,7 +17,7 @@ move points continuously through the mesh; strain maps that belong to no place a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,23 +88,39 @@ def select_virtual(
     Raises:
         SolverError: no pose is left to fit, or none has finite energy.
     """
-    start = max((s for s in ladder if len(s.points) <= recipe.points), key=lambda s: len(s.points), default=ladder[0])
-    others = np.random.default_rng(recipe.seed).permutation(np.setdiff1d(np.arange(len(space.z)), kept_back))
-    first, rest = others[others < recorded], others[others >= recorded]
-    from_recordings = first[: max(recipe.poses // 2, recipe.poses - len(rest))]
-    poses = np.concatenate([from_recordings, rest[: recipe.poses - len(from_recordings)]])
-    aside = np.random.default_rng(recipe.seed).permutation(len(poses)) < max(round(ASIDE * len(poses)), 1)
-    if aside.all():
-        raise SolverError(f"virtual points need two poses besides those kept back; there are {len(poses)}")
+    start = largest(ladder, recipe.points)
     aiming = Aiming(space, start.points, recipe.closure, recipe.threads)
-    fitted = Aims.joined(*aiming.at(poses[~aside], (recipe.seed, 0)))
-    chosen_by = Aims.joined(*aiming.at(poses[aside], (recipe.seed, 1)))
+    fitted, aside = choose_aims(aiming, len(space.z), kept_back, recorded, recipe)
     U = np.ascontiguousarray(space.U[:, : space.decoder.k])
-    found = fit_virtual(space.scene, U, start, fitted, chosen_by, recipe, progress)
+    found = fit_virtual(space.scene, U, start, fitted, aside, recipe, progress)
     heldout, perturbed = aiming.at(kept_back, (recipe.seed, 2))
     return VirtualSelection(
         found, virtual_error(space.scene, U, found, heldout), virtual_error(space.scene, U, found, perturbed)
     )
+
+
+def largest(ladder: Sequence[CubatureSet], points: int) -> CubatureSet:
+    """The largest set of a ladder with at most so many points, or its smallest."""
+    return max((s for s in ladder if len(s.points) <= points), key=lambda s: len(s.points), default=ladder[0])
+
+
+def choose_aims(
+    aiming: Aiming, poses: int, kept_back: Indices, recorded: int, recipe: VirtualRecipe
+) -> tuple[Aims, Aims]:
+    """Aims to fit, and others to choose among what the fit has seen, of all poses but those kept back.
+
+    Raises:
+        SolverError: no pose is left to fit, or none has finite energy.
+    """
+    others = np.random.default_rng(recipe.seed).permutation(np.setdiff1d(np.arange(poses), kept_back))
+    first, rest = others[others < recorded], others[others >= recorded]
+    from_recordings = first[: max(recipe.poses // 2, recipe.poses - len(rest))]
+    chosen = np.concatenate([from_recordings, rest[: recipe.poses - len(from_recordings)]])
+    aside = np.random.default_rng(recipe.seed).permutation(len(chosen)) < max(round(ASIDE * len(chosen)), 1)
+    if aside.all():
+        raise SolverError(f"virtual points need two poses besides those kept back; there are {len(chosen)}")
+    fitted, put_aside = aiming.at(chosen[~aside], (recipe.seed, 0)), aiming.at(chosen[aside], (recipe.seed, 1))
+    return Aims.joined(*fitted), Aims.joined(*put_aside)
 
 
 class _Points:

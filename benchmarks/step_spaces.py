@@ -1,0 +1,142 @@
+"""The spaces that benchmarks/step.py compares: latent ones of runs and a sweep of linear ones, each with its cubatures.
+
+What takes minutes, the fits, is kept in files, so that a benchmark that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.store import file_hash
+from ldsim.dynamics.reduced_model import reduced_rest_stiffness
+from ldsim.evaluation.comparison import ReducedSpace
+from ldsim.reduction.cubature.aims import Aiming
+from ldsim.reduction.cubature.goal import Goal
+from ldsim.reduction.cubature.ladder import CubatureSet
+from ldsim.reduction.cubature.selection import PoseSpace, Recipe, select, split_poses
+from ldsim.reduction.cubature.virtual import VirtualRecipe, choose_aims, fit_virtual, largest
+from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder
+from ldsim.reduction.pca import inner_product
+from ldsim.reduction.reconstruction import all_coordinates
+
+Array = NDArray[np.float64]
+
+TOLERANCE, MOST, POSES, KEPT_BACK = 0.03, 800, 400, 200
+# Virtual points: so many in a latent space besides those of the run, and such shares of a linear set on the mesh.
+LATENT_SIZES = (12, 20)
+LINEAR_SHARES = (0.35, 0.65)
+VIRTUAL = VirtualRecipe(0, poses=4000, steps=3000)
+# A linear space misses a little of the true poses too; with which share of their forces it aims best is measured.
+LINEAR_CLOSURES = (0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """All poses that a run learned from, in the coordinates of its basis: recorded ones first, then rehearsed ones."""
+
+    q: Array
+    recorded: int
+
+
+def poses_of(folder: Path, U: Array, metric: csr_array) -> Poses:
+    model, _ = read_model(folder / "model.h5")
+    with Snapshots(folder / "snapshots.h5") as snapshots:
+        names = snapshots.with_role("train")
+        q: Array = all_coordinates(lambda: snapshots.chunks(names), metric, U)
+    recorded = len(q)
+    return Poses(q if model.rehearsed is None else np.concatenate([q, model.rehearsed]), recorded)
+
+
+def latent_spaces(folder: Path, kept: Path) -> Iterator[ReducedSpace]:
+    """The latent space of a run with what it steps with, its best set on the mesh, and fewer virtual points."""
+    U = read_basis(folder / "basis.h5")[0].basis.U
+    model, _ = read_model(folder / "model.h5")
+    sets = read_cubature(folder / "cubature.h5")[0]["latent"]
+    place = kept / f"{folder.name}-{file_hash(folder / 'model.h5')[:12]}"
+
+    def fewer(size: int) -> CubatureSet:
+        space, recorded = _pose_space(folder, model.decoder, lambda q: model.encoder(q))
+        return _virtual(space, sets.ladder, recorded, 1.0, (size,))[0]
+
+    chosen = [sets.stepped, *([sets.best] if sets.virtual else [])]
+    chosen += [_kept(place / f"latent-{size}.npz", lambda size=size: [fewer(size)])[0] for size in LATENT_SIZES]
+    for points in chosen:
+        yield ReducedSpace("latent", U, model.decoder, model.encoder, points)
+
+
+def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[ReducedSpace]:
+    """Linear spaces of several dimensions, each with its best set on the mesh and with virtual points."""
+    U = read_basis(folder / "basis.h5")[0].basis.U
+    place = kept / f"{folder.name}-{file_hash(folder / 'model.h5')[:12]}"
+    for k in dimensions:
+        identity = Decoder.identity(k)
+
+        def make(k: int = k, identity: Decoder = identity) -> list[CubatureSet]:
+            space, recorded = _pose_space(folder, identity, lambda q: np.ascontiguousarray(q[:, :k]))
+            fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK // 4, seed=0)
+            found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
+            sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
+            virtual = [_virtual(space, found.ladder, recorded, closure, sizes) for closure in LINEAR_CLOSURES]
+            return [found.best, *(entry for some in virtual for entry in some)]
+
+        for points in _kept(place / f"linear-{k}.npz", make):
+            yield ReducedSpace("linear", np.ascontiguousarray(U[:, :k]), identity, Encoder((), ()), points)
+
+
+def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]) -> tuple[PoseSpace, int]:
+    """The poses of a run in a space of the first columns of its basis, and how many of them are recorded."""
+    scene, _ = read_scene(folder / "scene.h5")
+    U = read_basis(folder / "basis.h5")[0].basis.U
+    poses = poses_of(folder, U, inner_product(scene.mass, "mass"))
+    snapshots = Snapshots(folder / "snapshots.h5")
+    read = snapshots.frame_reader(snapshots.with_role("train"))
+    k = decoder.k
+    stiffness = reduced_rest_stiffness(scene, U)[:k, :k]
+
+    def true_pose(t: int) -> NDArray[np.floating]:
+        return read(t) if t < poses.recorded else (U @ poses.q[t]).reshape(-1, 3)
+
+    narrow = np.ascontiguousarray(U[:, :k])
+    return PoseSpace(scene, narrow, decoder, stiffness, encode(poses.q), true_pose), poses.recorded
+
+
+def _virtual(
+    space: PoseSpace, ladder: tuple[CubatureSet, ...], recorded: int, closure: float, sizes: tuple[int, ...]
+) -> list[CubatureSet]:
+    """Virtual points of several sizes, fitted to the same aims."""
+    none = np.empty(0, dtype=np.int64)
+    fitted, aside = choose_aims(Aiming(space, none, closure, 1), len(space.z), none, recorded, VIRTUAL)
+    return [fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL) for size in sizes]
+
+
+def _kept(path: Path, make: Callable[[], list[CubatureSet]]) -> list[CubatureSet]:
+    """The sets of a file, made where there is none."""
+    if not path.exists():
+        sets = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        arrays = {}
+        for i, entry in enumerate(sets):
+            arrays |= {f"points_{i}": entry.points, f"weights_{i}": entry.weights, f"error_{i}": entry.training_error}
+            arrays |= {} if entry.maps is None else {f"maps_{i}": entry.maps}
+        partial = path.with_suffix(".partial.npz")
+        np.savez(partial, **arrays)  # type: ignore[arg-type]
+        partial.rename(path)
+    with np.load(path) as stored:
+        return [
+            CubatureSet(
+                stored[f"points_{i}"],
+                stored[f"weights_{i}"],
+                float(stored[f"error_{i}"]),
+                stored[f"maps_{i}"] if f"maps_{i}" in stored else None,
+            )
+            for i in range(sum(name.startswith("points_") for name in stored))
+        ]
