@@ -1,12 +1,12 @@
 """Error against step time of finished runs, the linear space swept: python benchmarks/step.py runs/x [runs_2/x …]
 
 Every space, linear or latent, has a cubature of its own on the mesh and virtual points of several sizes, fitted to the
-same poses, and the fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code
-applies it. What is fitted is kept in `step` beside the runs. More runs of the same scene add their latent spaces: other r, k and
+same poses, and the fastest of its minimisers, with the stop rule as the paper prints it and as the authors' code does.
+What is fitted is kept in `step` beside the runs. More runs of the same scene add their latent spaces: other r, k and
 widths. All are judged with the loosest stop on every motion of the first run, whole and restarted every 0.25 s, and
-timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps counts,
-for other tenants of a machine only add time. The frontier of each motion goes to docs/pictures/step_RUN_MOTION.svg.
-`--quick` takes four dimensions.
+timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps
+counts, for other tenants of a machine only add time. The frontier of each motion goes to
+docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions.
 """
 
 from __future__ import annotations
