@@ -6,12 +6,11 @@ What takes minutes, the fits, is kept in files, so that a benchmark that was sto
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
@@ -39,23 +38,6 @@ VIRTUAL = VirtualRecipe(0, poses=4000, steps=3000)
 LINEAR_CLOSURES = (0.0, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """All poses that a run learned from, in the coordinates of its basis: recorded ones first, then rehearsed ones."""
-
-    q: Array
-    recorded: int
-
-
-def poses_of(folder: Path, U: Array, metric: csr_array) -> Poses:
-    model, _ = read_model(folder / "model.h5")
-    with Snapshots(folder / "snapshots.h5") as snapshots:
-        names = snapshots.with_role("train")
-        q: Array = all_coordinates(lambda: snapshots.chunks(names), metric, U)
-    recorded = len(q)
-    return Poses(q if model.rehearsed is None else np.concatenate([q, model.rehearsed]), recorded)
-
-
 def latent_spaces(folder: Path, kept: Path) -> Iterator[ReducedSpace]:
     """The latent space of a run with what it steps with, its best set on the mesh, and fewer virtual points."""
     U = read_basis(folder / "basis.h5")[0].basis.U
@@ -64,8 +46,8 @@ def latent_spaces(folder: Path, kept: Path) -> Iterator[ReducedSpace]:
     place = kept / f"{folder.name}-{file_hash(folder / 'model.h5')[:12]}"
 
     def fewer(size: int) -> CubatureSet:
-        space, recorded = _pose_space(folder, model.decoder, lambda q: model.encoder(q))
-        return _virtual(space, sets.ladder, recorded, 1.0, (size,))[0]
+        with _pose_space(folder, model.decoder, lambda q: model.encoder(q)) as (space, recorded):
+            return _virtual(space, sets.ladder, recorded, 1.0, (size,))[0]
 
     chosen = [sets.stepped, *([sets.best] if sets.virtual else [])]
     chosen += [_kept(place / f"latent-{size}.npz", lambda size=size: [fewer(size)])[0] for size in LATENT_SIZES]
@@ -81,32 +63,35 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
         identity = Decoder.identity(k)
 
         def make(k: int = k, identity: Decoder = identity) -> list[CubatureSet]:
-            space, recorded = _pose_space(folder, identity, lambda q: np.ascontiguousarray(q[:, :k]))
-            fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK // 4, seed=0)
-            found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
-            sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
-            virtual = [_virtual(space, found.ladder, recorded, closure, sizes) for closure in LINEAR_CLOSURES]
+            with _pose_space(folder, identity, lambda q: np.ascontiguousarray(q[:, :k])) as (space, recorded):
+                fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK, seed=0)
+                found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
+                sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
+                virtual = [_virtual(space, found.ladder, recorded, closure, sizes) for closure in LINEAR_CLOSURES]
             return [found.best, *(entry for some in virtual for entry in some)]
 
         for points in _kept(place / f"linear-{k}.npz", make):
             yield ReducedSpace("linear", np.ascontiguousarray(U[:, :k]), identity, Encoder((), ()), points)
 
 
-def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]) -> tuple[PoseSpace, int]:
+@contextmanager
+def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]) -> Iterator[tuple[PoseSpace, int]]:
     """The poses of a run in a space of the first columns of its basis, and how many of them are recorded."""
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
-    poses = poses_of(folder, U, inner_product(scene.mass, "mass"))
-    snapshots = Snapshots(folder / "snapshots.h5")
-    read = snapshots.frame_reader(snapshots.with_role("train"))
-    k = decoder.k
-    stiffness = reduced_rest_stiffness(scene, U)[:k, :k]
+    model, _ = read_model(folder / "model.h5")
+    metric, k = inner_product(scene.mass, "mass"), decoder.k
+    stiffness, narrow = reduced_rest_stiffness(scene, U)[:k, :k], np.ascontiguousarray(U[:, :k])
+    with Snapshots(folder / "snapshots.h5") as snapshots:
+        names = snapshots.with_role("train")
+        q: Array = all_coordinates(lambda: snapshots.chunks(names), metric, U)
+        recorded, read = len(q), snapshots.frame_reader(names)
+        q = q if model.rehearsed is None else np.concatenate([q, model.rehearsed])
 
-    def true_pose(t: int) -> NDArray[np.floating]:
-        return read(t) if t < poses.recorded else (U @ poses.q[t]).reshape(-1, 3)
+        def true_pose(t: int) -> NDArray[np.floating]:
+            return read(t) if t < recorded else (U @ q[t]).reshape(-1, 3)
 
-    narrow = np.ascontiguousarray(U[:, :k])
-    return PoseSpace(scene, narrow, decoder, stiffness, encode(poses.q), true_pose), poses.recorded
+        yield PoseSpace(scene, narrow, decoder, stiffness, encode(q), true_pose), recorded
 
 
 def _virtual(

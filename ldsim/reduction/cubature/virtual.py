@@ -11,8 +11,8 @@ mesh, with the exact gradient
     ∂/∂G_s Σ_t ½ ‖A_tᵀ Σ_s w_s G_sᵀ P_s − τ_t‖² = Σ_t w_s (P_s y_tᵀ + (∂²Ψ/∂F² : G_s y_t) q_tᵀ),
     y_t = A_t (A_tᵀ Σ_s w_s G_sᵀ P_s − τ_t),
 
-for A_t = J W / scale and the aim τ_t (`aims`). Hernández et al. 2024 ("CECM", Comput. Methods Appl. Mech. Eng. 418)
-move points continuously through the mesh; strain maps that belong to no place are ours.
+for A_t = J W / scale and the aim τ_t (`aims`). Hernández, Bravo and Ares de Parga 2023 ("CECM", arXiv
+2308.03877) move points continuously through the mesh; strain maps that belong to no place are ours.
 """
 
 from __future__ import annotations
