@@ -17,11 +17,11 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.reduced_model import reduced_rest_stiffness
 from ldsim.evaluation.comparison import ReducedSpace
-from ldsim.reduction.cubature.aims import Aiming
+from ldsim.reduction.cubature.aims import Aiming, Aims
 from ldsim.reduction.cubature.goal import Goal
 from ldsim.reduction.cubature.ladder import CubatureSet
 from ldsim.reduction.cubature.selection import PoseSpace, Recipe, select, split_poses
-from ldsim.reduction.cubature.virtual import VirtualRecipe, choose_aims, fit_virtual, largest
+from ldsim.reduction.cubature.virtual import VirtualRecipe, choose_poses, fit_virtual, largest
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import inner_product
@@ -47,7 +47,8 @@ def latent_spaces(folder: Path, kept: Path) -> Iterator[ReducedSpace]:
 
     def fewer(size: int) -> CubatureSet:
         with _pose_space(folder, model.decoder, lambda q: model.encoder(q)) as (space, recorded):
-            return _virtual(space, sets.ladder, recorded, 1.0, (size,))[0]
+            closure = sets.virtual.closure if sets.virtual else 0.0
+            return _virtual(space, sets.ladder, recorded, (closure,), (size,))[0]
 
     chosen = [sets.stepped, *([sets.best] if sets.virtual else [])]
     chosen += [_kept(place / f"latent-{size}.npz", lambda size=size: [fewer(size)])[0] for size in LATENT_SIZES]
@@ -67,8 +68,7 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
                 fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK, seed=0)
                 found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
                 sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
-                virtual = [_virtual(space, found.ladder, recorded, closure, sizes) for closure in LINEAR_CLOSURES]
-            return [found.best, *(entry for some in virtual for entry in some)]
+                return [found.best, *_virtual(space, found.ladder, recorded, LINEAR_CLOSURES, sizes)]
 
         for points in _kept(place / f"linear-{k}.npz", make):
             yield ReducedSpace("linear", np.ascontiguousarray(U[:, :k]), identity, Encoder((), ()), points)
@@ -95,12 +95,22 @@ def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]
 
 
 def _virtual(
-    space: PoseSpace, ladder: tuple[CubatureSet, ...], recorded: int, closure: float, sizes: tuple[int, ...]
+    space: PoseSpace,
+    ladder: tuple[CubatureSet, ...],
+    recorded: int,
+    closures: tuple[float, ...],
+    sizes: tuple[int, ...],
 ) -> list[CubatureSet]:
-    """Virtual points of several sizes, fitted to the same aims."""
+    """Virtual points of several closures and sizes, fitted to the same poses."""
     none = np.empty(0, dtype=np.int64)
-    fitted, aside = choose_aims(Aiming(space, none, closure, 1), len(space.z), none, recorded, VIRTUAL)
-    return [fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL) for size in sizes]
+    aiming, poses = Aiming(space, none, 1), choose_poses(len(space.z), none, recorded, VIRTUAL)
+    forces = [aiming.forces(part, (0, i)) for i, part in enumerate(poses)]
+    found = []
+    for closure in closures:
+        fitted, aside = (Aims.joined(*aiming.aims(part, closure)) for part in forces)
+        for size in sizes:
+            found.append(fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL))
+    return found
 
 
 def _kept(path: Path, make: Callable[[], list[CubatureSet]]) -> list[CubatureSet]:

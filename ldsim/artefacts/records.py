@@ -239,6 +239,10 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]
             errors = np.array([found.training_error, stored.virtual.heldout_error, stored.virtual.perturbed_error])
             datasets |= {f"{space}/virtual_points": found.points, f"{space}/virtual_weights": found.weights}
             datasets |= {f"{space}/virtual_maps": found.maps, f"{space}/virtual_errors": errors}
+            datasets |= {
+                f"{space}/virtual_closure": stored.virtual.closure,
+                f"{space}/virtual_tried": stored.virtual.tried,
+            }
     write(path, header, datasets)
 
 
@@ -272,4 +276,5 @@ def _virtual(group: h5py.Group) -> VirtualSelection | None:
         return None
     training, heldout, perturbed = (float(error) for error in group["virtual_errors"][:])
     points, weights, maps = (group[f"virtual_{name}"][:] for name in ("points", "weights", "maps"))
-    return VirtualSelection(CubatureSet(points, weights, training, maps), heldout, perturbed)
+    closure, tried = float(group["virtual_closure"][()]), group["virtual_tried"][:]
+    return VirtualSelection(CubatureSet(points, weights, training, maps), heldout, perturbed, closure, tried)

@@ -36,6 +36,10 @@ _SETS = (
     Dataset("*/virtual_weights", "f8", ("v",), "m³", "their weights, > 0", True),
     Dataset("*/virtual_maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),
     Dataset("*/virtual_errors", "f8", (3,), "", "their error on fitted, held-out and perturbed poses", True),
+    Dataset("*/virtual_closure", "f8", (), "", "share of the true poses' forces that they aim at", True),
+    Dataset(
+        "*/virtual_tried", "f8", ("t", 2), "", "shares tried and windowed online errors; NaN: set on the mesh", True
+    ),
 )
 
 _MOTION = (

@@ -9,17 +9,20 @@ from dataclasses import replace
 import click
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ldsim.artefacts.records import StoredCubature, StoredModel, read_basis, read_model, read_scene, write_cubature
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.reduced_model import reduced_rest_stiffness
+from ldsim.evaluation.comparison import ReducedSpace, windowed_error
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.cubature.goal import Goal
-from ldsim.reduction.cubature.ladder import VirtualSelection
+from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.reduction.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
-from ldsim.reduction.cubature.virtual import VirtualRecipe, select_virtual
+from ldsim.reduction.cubature.virtual import Judge, VirtualRecipe, select_virtual
 from ldsim.reduction.decoder import Decoder
+from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import inner_product
 from ldsim.reduction.reconstruction import all_coordinates
@@ -28,6 +31,8 @@ from ldsim.threads import one_thread
 
 Array = NDArray[np.float64]
 
+# Seconds between restarts of the runs that virtual points are judged by.
+WINDOW = 0.25
 # Status of a run whose artefact is whole but whose set misses the tolerance; stages/cubature.mk goes on after it.
 MISSED = 3
 
@@ -71,7 +76,11 @@ def command(run: Run) -> None:
 
                 found = select(space, fitted, kept_back, recipe if name == "latent" else linear, show)
             ladder = found.fit.ladder
-            virtual = _virtual(name, space, found, kept_back, recorded, settings)
+            judge = None
+            if not run.settings.snapshot.quasistatic:
+                encoder = model.encoder if name == "latent" else Encoder((), ())
+                judge = _judge(scene, metric, space, encoder, snapshots, name)
+            virtual = _virtual(name, space, found, kept_back, recorded, settings, judge)
             spaces[name] = StoredCubature(
                 ladder, found.heldout_errors, len(ladder) - 1, found.perturbed_errors, virtual
             )
@@ -109,23 +118,51 @@ def _virtual(
     kept_back: NDArray[np.int64],
     recorded: int,
     settings: CubatureSettings,
+    judge: Judge | None,
 ) -> VirtualSelection | None:
-    """The virtual points of a space, where some are asked for."""
+    """The virtual points of a space, where some are asked for and worth having."""
     asked = settings.virtual
     points = asked.points if name == "latent" else asked.linear_points
     if not points:
         return None
     recipe = VirtualRecipe(
-        points, asked.poses, asked.closure, asked.steps, asked.batch, asked.rate, settings.seed, settings.threads
+        points, asked.poses, asked.closures, asked.steps, asked.batch, asked.rate, settings.seed, settings.threads
     )
-    with one_thread(), progress_bar(asked.steps, f"cubature {name}, virtual points", "step") as bar:
+    with one_thread(), progress_bar(asked.steps * len(asked.closures), f"cubature {name}, virtual", "step") as bar:
         bar.set_postfix_str("forces of the poses")
 
         def show(step: int, error: float) -> None:
             bar.set_postfix_str(f"relative error {error:.3f}", refresh=False)
             bar.update(step - bar.n)
 
-        return select_virtual(space, found.fit.ladder, kept_back, recorded, recipe, show)
+        virtual = select_virtual(space, found.fit.ladder, kept_back, recorded, recipe, judge, show)
+    if virtual.worse_than_mesh:
+        errors = ", ".join(f"{error:.3g} with closure {share:g}" for share, error in virtual.tried[1:])
+        click.echo(
+            f"note: no virtual points for the {name} space: on the training motions they are off by {errors}, and "
+            f"{len(found.fit.best.points)} points of the mesh by {virtual.tried[0, 1]:.3g}",
+            err=True,
+        )
+        return None
+    return virtual
+
+
+def _judge(
+    scene: Scene, metric: csr_array, space: PoseSpace, encoder: Encoder, snapshots: Snapshots, name: str
+) -> Judge:
+    """The windowed online error of a set on the training motions, one after another."""
+    U = np.ascontiguousarray(space.U[:, : space.decoder.k])
+    names = snapshots.with_role("train")
+
+    def judge(cubature: CubatureSet) -> float:
+        reduced = ReducedSpace(name, U, space.decoder, encoder, cubature)
+        errors = []
+        for motion in names:
+            recorded, read = snapshots.recorded(motion), snapshots.reader(motion)
+            errors.append(windowed_error(scene, metric, reduced, recorded.motion, recorded.held, read, WINDOW))
+        return float(np.average(errors, weights=[snapshots.frames(motion) for motion in names]))
+
+    return judge
 
 
 def _pose_spaces(
@@ -170,5 +207,5 @@ def _summary(space: str, stored: StoredCubature) -> str:
     if stored.virtual is not None:
         found = stored.virtual
         errors = found.cubature.training_error, found.heldout_error, found.perturbed_error
-        told += "; " + words.format(f"{len(found.cubature.points)} virtual", *errors)
+        told += "; " + words.format(f"{len(found.cubature.points)} virtual", *errors) + f", closure {found.closure:g}"
     return told

@@ -25,6 +25,7 @@ from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder, nearest_latent
 from ldsim.reduction.lifting import Lifting
 from ldsim.reduction.pca import coordinates
+from ldsim.simulator.loading import stop_of
 from ldsim.solvers.solution import Reason
 
 Array = NDArray[np.float64]
@@ -231,6 +232,20 @@ class ReducedSpace:
         guesses = self.encoder(q)
         z = [nearest_latent(self.decoder, target, guess) for target, guess in zip(q, guesses, strict=True)]
         return ReducedState.moving(z[0], z[1], q[0], q[1])
+
+
+def windowed_error(
+    scene: Scene, metric: csr_array, space: ReducedSpace, motion: Motion, held: Held, snapshots: Frames, window: float
+) -> float:
+    """Online error of a motion that is restarted from its snapshots every window of so many seconds."""
+    lifting = Lifting.of(scene, [motion])
+    lifted = lifting.displacements(motion) if lifting.count else None
+    stepper = space.stepper(scene, stop_of(scene), 200, Method.BFGS, True, lifting)
+    restarts = restarts_every(scene, metric, space, _without(snapshots, lifted), window)
+    run = run_reduced(stepper, scene, motion, held, range(motion.frames), restarts)
+    judged = with_errors(run, space.U, snapshots, run, lifted)
+    assert judged.mean_error is not None and judged.mean_displacement is not None
+    return float(judged.mean_error.sum() / judged.mean_displacement.sum())
 
 
 @dataclass(frozen=True)

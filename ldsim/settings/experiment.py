@@ -96,7 +96,9 @@ class VirtualSettings(Section):
     points: int = Field(24, ge=0, description="Most virtual points of the latent set; 0 for none.")
     linear_points: int = Field(0, ge=0, description="The same for the linear set.")
     poses: int = Field(5000, ge=2, description="Most poses to fit; half recorded ones where others were rehearsed.")
-    closure: float = Field(1.0, ge=0, le=1, description="Share of the true poses' forces in what is aimed at.")
+    closures: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
+        (0.0, 1.0), min_length=1, description="Shares of the true poses' forces to aim at; the best online is kept."
+    )
     steps: int = Field(3000, ge=1, description="Of Adam.")
     batch: int = Field(256, ge=1, description="States in one gradient.")
     rate: float = Field(3e-3, gt=0, lt=1, description="Largest step, in root mean squares of the strain maps' columns.")

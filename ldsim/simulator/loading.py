@@ -66,10 +66,15 @@ def load(
         U, decoder = np.ascontiguousarray(U[:, : model.kp]), Decoder.identity(model.kp)
     elif model.trust is not None:
         distrust = _distrust(model.trust)
-    stopping = SHARE_OF_WEIGHT * EARTH * float(scene.vertex_mass.sum()) if tolerance is None else tolerance
+    stopping = stop_of(scene) if tolerance is None else tolerance
     stepper = ReducedStepper(scene, U, decoder, chosen, tolerance=stopping)
     dynamics = ReducedDynamics(scene, stepper)
     return Simulator(scene, dynamics, space, basis=U, points=chosen.points, distrust=distrust)
+
+
+def stop_of(scene: Scene) -> float:
+    """Where a reduced step stops unless told: at 10⁻⁴ of the solid's weight, N."""
+    return SHARE_OF_WEIGHT * EARTH * float(scene.vertex_mass.sum())
 
 
 def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:

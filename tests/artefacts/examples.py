@@ -80,7 +80,9 @@ def cubature() -> dict[str, StoredCubature]:
         sets = (CubatureSet(np.arange(n) * 2, numbers(n), 1.0 / n) for n in sizes)
         return StoredCubature(tuple(sets), numbers(len(sizes)), 1)
 
-    found = VirtualSelection(CubatureSet(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75)
+    found = VirtualSelection(
+        CubatureSet(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75, 1.0, numbers(3, 2)
+    )
     return {"latent": replace(stored(2, 5, 9), virtual=found), "linear": stored(3, 4)}
 
 

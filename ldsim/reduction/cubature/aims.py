@@ -53,44 +53,65 @@ class Aims:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class PoseForces:
+    """Poses and a perturbed state of each: codes, (T, r), and forces there, Uᵀ f, (T, k) N; NaN where infinite.
+
+    Attributes:
+        z, decoded, true: of the poses; forces of the decoded and of the true ones.
+        moved, near: of the perturbed states.
+        given: what moving pins prescribe, (T, l), or None.
+    """
+
+    z: Array
+    decoded: Array
+    true: Array
+    moved: Array
+    near: Array
+    given: Array | None
+
+
 class Aiming:
-    """Makes aims of poses of a space, for some points, with a share of the forces of the true poses.
+    """Makes aims of poses of a space, for some points, with a share of the forces of the true poses: the closure.
 
     The latent pose û = U φ(z) of a true pose u is a little off, and in a stiff solid its forces are off by much more:
-    the latent solid then rests and swings elsewhere. Where `closure` is 1, the force at z is to be the true one,
+    the latent solid then rests and swings elsewhere. Where the closure is 1, the force at z is to be the true one,
     J(z)ᵀ Uᵀ f(u), so that z is where the true solid would be, and what the reduction adds in stiffness goes. A
     perturbed state keeps the difference of its pose: J(z')ᵀ Uᵀ (f(û') + f(u) − f(û)).
 
     Args:
         points: points of the mesh whose strain moving pins change, (c,).
-        closure: share of the true poses' forces, 0 … 1.
         threads: 0 for one a core.
     """
 
-    def __init__(self, space: PoseSpace, points: Indices, closure: float, threads: int = 0) -> None:
-        if not 0 <= closure <= 1:
-            raise SolverError(f"cubature: closure share is {closure:g}; allowed is 0 (decoded poses) … 1 (true poses)")
-        self._space, self._closure, self._threads = space, closure, threads
+    def __init__(self, space: PoseSpace, points: Indices, threads: int = 0) -> None:
+        self._space, self._threads = space, threads
         self._metric = rest_compliance(space.stiffness, space.decoder, space.z)
         k = space.decoder.k
         self._U = np.ascontiguousarray(space.U[:, :k])
         self._lifted = strain_maps(space.scene, space.U[:, k:], points) if space.U.shape[1] > k else None
 
-    def at(self, poses: Indices, seed: tuple[int, ...]) -> tuple[Aims, Aims]:
-        """Aims at some poses, and at as many perturbed states of them drawn with a seed.
-
-        Raises:
-            SolverError: no pose, or no perturbed state, has finite energy.
-        """
+    def forces(self, poses: Indices, seed: tuple[int, ...]) -> PoseForces:
+        """The forces of some poses, and of a perturbed state of each drawn with a seed."""
         space = self._space
         z, given = space.z[poses], space.given_in(poses)
         moved = _moved(z, space.z.std(axis=0), seed)
-        forces, near = self._decoded_forces(z, given), self._decoded_forces(moved, given)
-        excess = np.zeros_like(forces)
-        if self._closure:
-            true = self._forces(lambda t: space.displacement(int(poses[t])), len(poses))
-            excess = self._closure * (true - forces)
-        return self._aims(z, given, forces + excess), self._aims(moved, given, near + excess)
+        true = self._forces(lambda t: space.displacement(int(poses[t])), len(poses))
+        return PoseForces(z, self._decoded_forces(z, given), true, moved, self._decoded_forces(moved, given), given)
+
+    def aims(self, forces: PoseForces, closure: float) -> tuple[Aims, Aims]:
+        """Aims at poses, and at their perturbed states.
+
+        Raises:
+            SolverError: no pose, or no perturbed state, has finite energy; a closure outside 0 … 1.
+        """
+        if not 0 <= closure <= 1:
+            raise SolverError(f"cubature: closure share is {closure:g}; allowed is 0 (decoded poses) … 1 (true poses)")
+        excess = closure * (forces.true - forces.decoded) if closure else np.zeros_like(forces.decoded)
+        return (
+            self._aims(forces.z, forces.given, forces.decoded + excess),
+            self._aims(forces.moved, forces.given, forces.near + excess),
+        )
 
     def _decoded_forces(self, z: Array, given: Array | None) -> Array:
         space = self._space

@@ -79,11 +79,24 @@ class CubatureSet:
 
 @dataclass(frozen=True, eq=False)
 class VirtualSelection:
-    """Virtual points with their errors on poses kept back from everything, and on perturbed states of these."""
+    """Virtual points with their errors on poses kept back from everything, and on perturbed states of these.
+
+    Attributes:
+        closure: share of the true poses' forces that they aim at.
+        tried: share and judged error of what was tried, (t, 2); the first row, with no share, is the best set on the
+            mesh.
+    """
 
     cubature: CubatureSet
     heldout_error: float
     perturbed_error: float
+    closure: float
+    tried: Array
+
+    @property
+    def worse_than_mesh(self) -> bool:
+        """Whether the best set on the mesh was judged better by more than a tenth."""
+        return bool(np.nanmin(self.tried[1:, 1], initial=np.inf) > 1.1 * self.tried[0, 1])
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from ldsim.reduction.cubature.selection import PoseSpace
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Progress = Callable[[int, float], None]
+Judge = Callable[[CubatureSet], float]
 
 # Adam: decays of both moments, the usual ones. A gradient longer than LONGEST is shortened to it.
 FIRST, SECOND, TINY = 0.9, 0.999, 1e-8
@@ -55,14 +56,14 @@ class VirtualRecipe:
     Attributes:
         points: most of them; 0 for none.
         poses: at most so many are fitted, half of them recorded ones where others were rehearsed.
-        closure: share of the true poses' forces in the aims.
+        closures: shares of the true poses' forces in the aims; each is tried.
         steps: of Adam. batch: states in each. rate: largest step, in root mean squares of a column of the maps.
         seed: of poses, perturbed states and batches. threads: for the aims, 0 for one a core.
     """
 
     points: int
     poses: int = 4000
-    closure: float = 1.0
+    closures: tuple[float, ...] = (0.0, 1.0)
     steps: int = 3000
     batch: int = 256
     rate: float = 3e-3
@@ -76,26 +77,59 @@ def select_virtual(
     kept_back: Indices,
     recorded: int,
     recipe: VirtualRecipe,
+    judge: Judge | None = None,
     progress: Progress | None = None,
 ) -> VirtualSelection:
     """Fit virtual points that start as the largest set of a ladder with at most so many points.
 
+    Whether the forces of the true poses help depends on the autoencoder: where they are a smooth function of z they
+    take out its stiffness, where they are mostly noise of the training they spoil the fit. So each closure is tried,
+    and the set that the judge finds best is taken.
+
     Args:
-        kept_back: poses to judge on, seen by nothing else.
+        kept_back: poses to measure the error on, seen by nothing else.
         recorded: the first so many poses are of recordings, the others rehearsed.
-        progress: told the step and the error on poses put aside, a few times.
+        judge: the error of a set where it is to be used; None takes the first closure.
+        progress: told the step and the error on poses put aside, a few times for each closure.
 
     Raises:
         SolverError: no pose is left to fit, or none has finite energy.
     """
     start = largest(ladder, recipe.points)
-    aiming = Aiming(space, start.points, recipe.closure, recipe.threads)
-    fitted, aside = choose_aims(aiming, len(space.z), kept_back, recorded, recipe)
+    aiming = Aiming(space, start.points, recipe.threads)
+    chosen, aside = choose_poses(len(space.z), kept_back, recorded, recipe)
+    fitted, put_aside = aiming.forces(chosen, (recipe.seed, 0)), aiming.forces(aside, (recipe.seed, 1))
     U = np.ascontiguousarray(space.U[:, : space.decoder.k])
-    found = fit_virtual(space.scene, U, start, fitted, aside, recipe, progress)
-    heldout, perturbed = aiming.at(kept_back, (recipe.seed, 2))
+    tried: dict[float, tuple[float, CubatureSet]] = {}
+    for i, closure in enumerate(recipe.closures):
+
+        def tell(step: int, error: float, before: int = i * recipe.steps) -> None:
+            if progress is not None:
+                progress(before + step, error)
+
+        found = fit_virtual(
+            space.scene,
+            U,
+            start,
+            Aims.joined(*aiming.aims(fitted, closure)),
+            Aims.joined(*aiming.aims(put_aside, closure)),
+            recipe,
+            tell,
+        )
+        tried[closure] = (np.nan if judge is None else judge(found)), found
+        if judge is None:
+            break
+    closure = min(tried, key=lambda share: tried[share][0])
+    on_mesh = np.nan if judge is None else judge(ladder[-1])
+    table = np.array([[np.nan, on_mesh], *([share, error] for share, (error, _) in tried.items())])
+    best = tried[closure][1]
+    heldout, perturbed = aiming.aims(aiming.forces(kept_back, (recipe.seed, 2)), closure)
     return VirtualSelection(
-        found, virtual_error(space.scene, U, found, heldout), virtual_error(space.scene, U, found, perturbed)
+        best,
+        virtual_error(space.scene, U, best, heldout),
+        virtual_error(space.scene, U, best, perturbed),
+        closure,
+        table,
     )
 
 
@@ -104,13 +138,11 @@ def largest(ladder: Sequence[CubatureSet], points: int) -> CubatureSet:
     return max((s for s in ladder if len(s.points) <= points), key=lambda s: len(s.points), default=ladder[0])
 
 
-def choose_aims(
-    aiming: Aiming, poses: int, kept_back: Indices, recorded: int, recipe: VirtualRecipe
-) -> tuple[Aims, Aims]:
-    """Aims to fit, and others to choose among what the fit has seen, of all poses but those kept back.
+def choose_poses(poses: int, kept_back: Indices, recorded: int, recipe: VirtualRecipe) -> tuple[Indices, Indices]:
+    """Poses to fit, and others to choose among what the fit has seen, of all but those kept back.
 
     Raises:
-        SolverError: no pose is left to fit, or none has finite energy.
+        SolverError: no two poses are left.
     """
     others = np.random.default_rng(recipe.seed).permutation(np.setdiff1d(np.arange(poses), kept_back))
     first, rest = others[others < recorded], others[others >= recorded]
@@ -119,8 +151,7 @@ def choose_aims(
     aside = np.random.default_rng(recipe.seed).permutation(len(chosen)) < max(round(ASIDE * len(chosen)), 1)
     if aside.all():
         raise SolverError(f"virtual points need two poses besides those kept back; there are {len(chosen)}")
-    fitted, put_aside = aiming.at(chosen[~aside], (recipe.seed, 0)), aiming.at(chosen[aside], (recipe.seed, 1))
-    return Aims.joined(*fitted), Aims.joined(*put_aside)
+    return chosen[~aside], chosen[aside]
 
 
 class _Points:

@@ -21,6 +21,7 @@ from ldsim.reduction.cubature.virtual import VirtualRecipe, _points, fit_virtual
 from tests.reduction.cubature.cubature_problems import beam_scene, latent_problem, two_materials
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 FITTED, KEPT_BACK, EVERY = np.arange(0, 40), np.arange(40, 60), np.arange(60)
 RECIPE = VirtualRecipe(6, poses=40, steps=400, batch=32, rate=1e-2, threads=1)
@@ -46,6 +47,12 @@ def space() -> PoseSpace:
     return made()
 
 
+def at(space: PoseSpace, points: Indices, closure: float, poses: Indices, seed: int) -> tuple[Aims, Aims]:
+    """Aims at poses and at perturbed states of them."""
+    aiming = Aiming(space, points, threads=1)
+    return aiming.aims(aiming.forces(poses, (seed,)), closure)
+
+
 def start(space: PoseSpace, points: int, seed: int = 0) -> CubatureSet:
     rng, volume = np.random.default_rng(seed), space.scene.points.weights.sum()
     chosen = np.sort(rng.choice(space.scene.points.n_points, points, replace=False))
@@ -61,7 +68,7 @@ def force(space: PoseSpace, u: Array) -> Array:
 
 @pytest.mark.parametrize("closure", [0.0, 0.4, 1.0])
 def test_aims_are_the_forces_between_decoded_and_true_poses(space: PoseSpace, closure: float) -> None:
-    aims, _ = Aiming(space, EVERY[:3], closure, threads=1).at(KEPT_BACK, (1,))
+    aims, _ = at(space, EVERY[:3], closure, KEPT_BACK, 1)
     W = rest_compliance(space.stiffness, space.decoder, space.z)
     expected = []
     for t in KEPT_BACK:
@@ -75,7 +82,7 @@ def test_aims_are_the_forces_between_decoded_and_true_poses(space: PoseSpace, cl
 
 
 def test_perturbed_states_keep_the_difference_of_their_pose(space: PoseSpace) -> None:
-    plain, shifted = (Aiming(space, EVERY[:3], closure, threads=1).at(KEPT_BACK, (7,))[1] for closure in (0.0, 1.0))
+    plain, shifted = (at(space, EVERY[:3], closure, KEPT_BACK, 7)[1] for closure in (0.0, 1.0))
     np.testing.assert_array_equal(plain.q, shifted.q)
     distance = np.linalg.norm(plain.q - space.decoder(space.z[KEPT_BACK]), axis=1)
     assert distance.min() > 0
@@ -93,7 +100,7 @@ def test_the_gradient_is_that_of_finite_differences(material: str, moving: bool)
     space = lifted(made(material)) if moving else made(material)
     first = start(space, 4)
     U = np.ascontiguousarray(space.U[:, : space.decoder.k])
-    aims = Aims.joined(*Aiming(space, first.points, 1.0, threads=1).at(EVERY[:9], (0,)))
+    aims = Aims.joined(*at(space, first.points, 1.0, EVERY[:9], 0))
     points, states = _points(space.scene, U, first), np.arange(len(aims))
     maps, weights = points.maps.copy(), points.weights.copy()
     rng = np.random.default_rng(2)
@@ -111,7 +118,7 @@ def test_the_gradient_is_that_of_finite_differences(material: str, moving: bool)
 
 def test_all_points_of_the_mesh_meet_aims_at_decoded_poses_exactly() -> None:
     space = replace(made(), scene=two_materials(made().scene))
-    aims, near = Aiming(space, np.arange(space.scene.points.n_points), 0.0, threads=1).at(EVERY, (0,))
+    aims, near = at(space, np.arange(space.scene.points.n_points), 0.0, EVERY, 0)
     every = CubatureSet.every(space.scene)
     assert virtual_error(space.scene, space.U, every, aims) < 1e-12
     assert virtual_error(space.scene, space.U, every, near) < 1e-12
@@ -122,7 +129,7 @@ def test_the_fit_makes_a_few_points_several_times_as_good_on_poses_it_has_not_se
     space = made(cell_type=cell_type)
     found = select(space, FITTED[:30], KEPT_BACK, Recipe(Goal(1e-6, 6), threads=1))
     before = found.heldout_errors[-1]
-    after = select_virtual(space, found.fit.ladder, KEPT_BACK, 60, replace(RECIPE, closure=0.0))
+    after = select_virtual(space, found.fit.ladder, KEPT_BACK, 60, replace(RECIPE, closures=(0.0,)))
     assert len(after.cubature.points) == 6
     assert after.heldout_error < 0.4 * before
     assert after.perturbed_error < 0.4 * found.perturbed_errors[-1]
@@ -132,8 +139,8 @@ def test_the_fit_makes_a_few_points_several_times_as_good_on_poses_it_has_not_se
 
 def test_with_a_closure_the_forces_of_the_true_poses_are_met(space: PoseSpace) -> None:
     ladder = select(space, FITTED[:30], KEPT_BACK, Recipe(Goal(1e-6, 12), threads=1)).fit.ladder
-    closed = select_virtual(space, ladder, KEPT_BACK, 60, replace(RECIPE, points=12))
-    judge, _ = Aiming(space, ladder[-1].points, 1.0, threads=1).at(KEPT_BACK, (0,))
+    closed = select_virtual(space, ladder, KEPT_BACK, 60, replace(RECIPE, points=12, closures=(1.0,)))
+    judge, _ = at(space, ladder[-1].points, 1.0, KEPT_BACK, 0)
     assert virtual_error(space.scene, space.U, closed.cubature, judge) == pytest.approx(closed.heldout_error)
     exact = virtual_error(space.scene, space.U, CubatureSet.every(space.scene), judge)
     assert closed.heldout_error < 0.7 * min(exact, virtual_error(space.scene, space.U, ladder[-1], judge))
@@ -142,8 +149,7 @@ def test_with_a_closure_the_forces_of_the_true_poses_are_met(space: PoseSpace) -
 def test_moving_pins_strain_virtual_points_too() -> None:
     space = lifted(made())
     first = start(space, 5)
-    aiming = Aiming(space, first.points, 0.0, threads=1)
-    fitted, kept = Aims.joined(*aiming.at(FITTED, (0,))), aiming.at(KEPT_BACK, (1,))[0]
+    fitted, kept = Aims.joined(*at(space, first.points, 0.0, FITTED, 0)), at(space, first.points, 0.0, KEPT_BACK, 1)[0]
     assert fitted.strain is not None
     U = np.ascontiguousarray(space.U[:, :8])
     found = fit_virtual(space.scene, U, first, fitted, kept, RECIPE)
@@ -164,8 +170,7 @@ def test_a_solid_of_virtual_points_rests_at_rest(space: PoseSpace) -> None:
 
 def test_the_best_seen_is_kept_and_progress_is_told(space: PoseSpace) -> None:
     first = start(space, 4)
-    aiming = Aiming(space, first.points, 0.0, threads=1)
-    fitted, kept = Aims.joined(*aiming.at(FITTED, (0,))), aiming.at(KEPT_BACK, (1,))[0]
+    fitted, kept = Aims.joined(*at(space, first.points, 0.0, FITTED, 0)), at(space, first.points, 0.0, KEPT_BACK, 1)[0]
     seen: list[tuple[int, float]] = []
     wild = replace(RECIPE, rate=0.5, steps=60)
     found = fit_virtual(space.scene, space.U, first, fitted, kept, wild, lambda *told: seen.append(told))
@@ -188,7 +193,7 @@ def test_the_same_seed_gives_the_same_points(space: PoseSpace) -> None:
 def test_a_state_of_infinite_energy_is_an_infinite_error_and_pulls_no_other_apart() -> None:
     space = made("neo_hookean")
     first = start(space, 3)
-    aims, _ = Aiming(space, first.points, 0.0, threads=1).at(EVERY[:5], (0,))
+    aims, _ = at(space, first.points, 0.0, EVERY[:5], 0)
     inverted = replace(aims, q=np.vstack([-400 * aims.q[:1], aims.q[1:]]))
     assert virtual_error(space.scene, space.U, first, inverted) == np.inf
     points = _points(space.scene, space.U, first)
@@ -199,7 +204,7 @@ def test_a_state_of_infinite_energy_is_an_infinite_error_and_pulls_no_other_apar
 
 def test_bad_input_is_refused(space: PoseSpace) -> None:
     with pytest.raises(SolverError, match=r"closure share is 1.5; allowed is 0"):
-        Aiming(space, EVERY[:3], 1.5)
+        at(space, EVERY[:3], 1.5, EVERY[:3], 0)
     with pytest.raises(SolverError, match="need two poses besides those kept back; there are 1"):
         select_virtual(space, (start(space, 3),), EVERY[1:], 60, RECIPE)
     first = start(space, 3)
@@ -209,3 +214,34 @@ def test_bad_input_is_refused(space: PoseSpace) -> None:
         replace(first, maps=np.full((3, 9, 8), np.nan))
     with pytest.raises(SolverError, match="strain maps of 5 columns; the basis has 8"):
         replace(first, maps=np.zeros((3, 9, 5))).strain_maps(space.scene, space.U)
+
+
+@pytest.mark.parametrize("best", [0.0, 0.5, 1.0])
+def test_the_closure_that_is_judged_best_is_taken(space: PoseSpace, best: float) -> None:
+    ladder, closures = (start(space, 3), start(space, 5)), (0.0, 0.5, 1.0)
+    errors = iter([*(abs(best - closure) + 0.1 for closure in closures), 0.2])
+    recipe = replace(RECIPE, points=3, steps=10, closures=closures)
+    judged: list[CubatureSet] = []
+
+    def judge(cubature: CubatureSet) -> float:
+        judged.append(cubature)
+        return next(errors)
+
+    found = select_virtual(space, ladder, KEPT_BACK, 60, recipe, judge)
+    assert found.closure == best
+    assert found.cubature is judged[closures.index(best)]
+    assert judged[-1] is ladder[-1]
+    np.testing.assert_allclose(found.tried[1:, 0], closures)
+    assert found.tried[0, 1] == 0.2
+    assert not found.worse_than_mesh
+
+
+def test_points_that_are_judged_worse_than_the_mesh_say_so_and_without_a_judge_the_first_closure_is_taken(
+    space: PoseSpace,
+) -> None:
+    ladder, recipe = (start(space, 3),), replace(RECIPE, points=3, steps=10, closures=(1.0, 0.0))
+    errors = iter([0.3, 0.2, 0.17])
+    assert select_virtual(space, ladder, KEPT_BACK, 60, recipe, lambda _: next(errors)).worse_than_mesh
+    found = select_virtual(space, ladder, KEPT_BACK, 60, recipe)
+    assert found.closure == 1.0
+    assert not found.worse_than_mesh
