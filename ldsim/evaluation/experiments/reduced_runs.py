@@ -46,8 +46,10 @@ class Material:
     def model(self) -> StoredModel:
         return read_model(self.folder / "model.h5")[0]
 
-    def cubature(self, space: str) -> CubatureSet:
-        return read_cubature(self.folder / "cubature.h5")[0][space].stepped
+    def cubature(self, space: str, stepped: bool = False) -> CubatureSet:
+        """The chosen set on the mesh, as the paper's are, or what `simulate` steps with."""
+        stored = read_cubature(self.folder / "cubature.h5")[0][space]
+        return stored.stepped if stepped else stored.best
 
     @property
     def names(self) -> list[str]:
