@@ -6,12 +6,14 @@ What is fitted is kept in `step` beside the runs. More runs of the same scene ad
 widths. All are judged with the loosest stop on every motion of the first run, whole and restarted every 0.25 s, and
 timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps
 counts, for other tenants of a machine only add time. The frontier of each motion goes to
-docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions.
+docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions, `--linear 40` only this one (may be repeated).
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -103,7 +105,7 @@ def point(timed: Timed, motion: str, online: float, windowed: float) -> Point:
     )
 
 
-def main(folders: list[Path], quick: bool, kept: Path) -> None:
+def main(folders: list[Path], dimensions: Sequence[int], kept: Path) -> None:
     folder = folders[0]
     scene, _ = read_scene(folder / "scene.h5")
     basis = read_basis(folder / "basis.h5")[0].basis.U.shape[1]
@@ -113,7 +115,7 @@ def main(folders: list[Path], quick: bool, kept: Path) -> None:
     error: dict[tuple[int, str], tuple[float, float]] = {}
     with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
         motions = {name: snapshots.recorded(name) for name in snapshots.names}
-        swept = sorted({*(QUICK if quick else DIMENSIONS), kp} & set(range(basis + 1)))
+        swept = sorted({*(dimensions or (*DIMENSIONS, kp))} & set(range(basis + 1)))
         spaces = [latent_spaces(each, kept) for each in folders] + [linear_spaces(folder, swept, kept)]
         for space in (space for some in spaces for space in some):
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
@@ -133,7 +135,7 @@ def main(folders: list[Path], quick: bool, kept: Path) -> None:
     found = ratios(model, table, kp)
     for row in found:
         print(row["quantity"], row["value"], "goal", row["goal"])
-    command = " ".join(["python benchmarks/step.py", *map(str, folders), *(["--quick"] if quick else [])])
+    command = " ".join(["python benchmarks/step.py", *sys.argv[1:]])
     write_results(f"step_{model}", command, found + rows(model, table))
     for motion in dict.fromkeys(point.motion for point in table):
         drawn = picture(model, motion, table)
@@ -141,9 +143,9 @@ def main(folders: list[Path], quick: bool, kept: Path) -> None:
 
 
 if __name__ == "__main__":
-    given = [Path(argument) for argument in sys.argv[1:] if argument != "--quick"]
-    if not given:
-        sys.exit(
-            "usage: python benchmarks/step.py runs/EXPERIMENT [other runs of its scene …] [--quick] (finished runs)"
-        )
-    main(given, "--quick" in sys.argv, given[0].parent / "step")
+    parser = argparse.ArgumentParser(description="Error against step time, latent and linear.")
+    parser.add_argument("runs", nargs="+", type=Path, help="folders of finished runs, the scene of the first one")
+    parser.add_argument("--linear", type=int, action="append", help="only this linear dimension")
+    parser.add_argument("--quick", action="store_true", help="four linear dimensions")
+    given = parser.parse_args()
+    main(given.runs, given.linear or (QUICK if given.quick else ()), given.runs[0].parent / "step")

@@ -34,9 +34,10 @@ def ratios(model: str, table: list[Point], kp: int) -> list[Row]:
         own = [point for point in table if (point.motion, point.stop) == (motion, stop)]
         latent = [point for point in own if point.space == "latent"]
         linear = [point for point in own if point.space == "linear"]
-        at_kp = next(point for point in linear if point.dimension == kp)
         label = f"linear over latent step, {motion}, stop {stop:g} N, "
-        found.append(row(model, f"{label}PCA-{kp} (kp)", at_kp.median_ms / latent[0].median_ms, goal=">= 5"))
+        at_kp = next((point for point in linear if point.dimension == kp), None)
+        if at_kp is not None:
+            found.append(row(model, f"{label}PCA-{kp} (kp)", at_kp.median_ms / latent[0].median_ms, goal=">= 5"))
         equal = [(point, _equal(point, linear)) for point in latent]
         largest = max(equal, key=lambda pair: 0.0 if pair[1] is None else pair[1].median_ms / pair[0].median_ms)
         for name, (point, other) in (("", equal[0]), ("largest, ", largest)):
