@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.ladder import CubatureSet
+from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.reduction.decoder import Decoder
 from ldsim.reduction.encoder import Encoder
 from ldsim.reduction.pca import Basis, inner_product, orthonormalised
@@ -70,7 +71,11 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
         CubatureSet(np.arange(points.n_points)[::stride], stride * points.weights[::stride], 0.0) for stride in (4, 1)
     )
     stored = StoredCubature(ladder, np.zeros(2), 1)
-    write_cubature(folder / "cubature.h5", header(folder, "cubature"), {"latent": stored, "linear": stored})
+    maps = ladder[0].strain_maps(body, U)
+    maps *= np.random.default_rng(3).uniform(0.9, 1.1, maps.shape)
+    virtual = VirtualSelection(replace(ladder[0], maps=maps), 0.1, 0.1, 1.0, np.array([[np.nan, 0.2], [1.0, 0.1]]))
+    spaces = {"latent": replace(stored, virtual=virtual), "linear": stored}
+    write_cubature(folder / "cubature.h5", header(folder, "cubature"), spaces)
     return body
 
 

@@ -48,9 +48,21 @@ def test_every_space_of_a_run_is_pulled_towards_the_target(run: Path, space: str
 
 
 def test_a_smaller_cubature_can_be_asked_for(run: Path) -> None:
-    every, few = load(run), load(run, points=5)
+    every, few = load(run, "linear"), load(run, "linear", points=5)
     assert every.points is not None and few.points is not None
     assert len(few.points) < len(every.points) == every.scene.points.n_points
+
+
+def test_virtual_points_are_stepped_unless_points_of_the_mesh_are_asked_for(run: Path) -> None:
+    stored = read_cubature(run / "cubature.h5")[0]["latent"]
+    assert stored.virtual is not None
+    few = len(stored.virtual.cubature.points)
+    virtual, on_mesh, again = load(run), load(run, points=few), load(run, points=few)
+    for sim in (virtual, on_mesh, again):
+        assert sim.points is not None and len(sim.points) == few
+        sim.step(5)
+    assert np.array_equal(on_mesh.coordinates, again.coordinates)
+    assert np.abs(virtual.coordinates - on_mesh.coordinates).max() > 1e-6
 
 
 def test_the_full_space_needs_the_scene_alone(own_run: Path) -> None:
