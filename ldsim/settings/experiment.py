@@ -99,7 +99,7 @@ class VirtualSettings(Section):
     closures: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         (0.0, 1.0), min_length=1, description="Shares of the true poses' forces to aim at; the best online is kept."
     )
-    steps: int = Field(3000, ge=1, description="Of Adam.")
+    steps: int = Field(5000, ge=1, description="Of Adam.")
     batch: int = Field(256, ge=1, description="States in one gradient.")
     rate: float = Field(3e-3, gt=0, lt=1, description="Largest step, in root mean squares of the strain maps' columns.")
 

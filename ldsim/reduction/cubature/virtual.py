@@ -47,6 +47,8 @@ ASIDE = 0.05
 # How often the fit is judged on kept-back poses.
 JUDGED = 20
 STATES_AT_ONCE = 512
+# The last points are taken unless their error is so many times the least.
+SETTLED = 1.1
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class VirtualRecipe:
     points: int
     poses: int = 4000
     closures: tuple[float, ...] = (0.0, 1.0)
-    steps: int = 3000
+    steps: int = 5000
     batch: int = 256
     rate: float = 3e-3
     seed: int = 0
@@ -141,17 +143,23 @@ def largest(ladder: Sequence[CubatureSet], points: int) -> CubatureSet:
 def choose_poses(poses: int, kept_back: Indices, recorded: int, recipe: VirtualRecipe) -> tuple[Indices, Indices]:
     """Poses to fit, and others to choose among what the fit has seen, of all but those kept back.
 
+    Where there are rehearsed poses, recorded ones are as many, if need be several times: each time with another
+    perturbed state.
+
     Raises:
         SolverError: no two poses are left.
     """
     others = np.random.default_rng(recipe.seed).permutation(np.setdiff1d(np.arange(poses), kept_back))
-    first, rest = others[others < recorded], others[others >= recorded]
-    from_recordings = first[: max(recipe.poses // 2, recipe.poses - len(rest))]
-    chosen = np.concatenate([from_recordings, rest[: recipe.poses - len(from_recordings)]])
-    aside = np.random.default_rng(recipe.seed).permutation(len(chosen)) < max(round(ASIDE * len(chosen)), 1)
-    if aside.all():
-        raise SolverError(f"virtual points need two poses besides those kept back; there are {len(chosen)}")
-    return chosen[~aside], chosen[aside]
+    if len(others) < 2:
+        raise SolverError(f"virtual points need two poses besides those kept back; there are {len(others)}")
+    aside = np.zeros(poses, dtype=bool)
+    aside[others[: max(round(ASIDE * len(others)), 1)]] = True
+    parts = []
+    for left, most in ((others[~aside[others]], recipe.poses), (others[aside[others]], round(ASIDE * recipe.poses))):
+        first, rest = left[left < recorded], left[left >= recorded]
+        half = np.resize(first, max(most // 2, 1)) if len(first) and len(rest) else first[:most]
+        parts.append(np.concatenate([half, rest[: max(most - len(half), 1)]]))
+    return parts[0], parts[1]
 
 
 class _Points:
@@ -211,7 +219,10 @@ def fit_virtual(
     options: VirtualRecipe,
     progress: Progress | None = None,
 ) -> CubatureSet:
-    """Virtual points that start as points of the mesh; those of least error on `kept_back` seen on the way.
+    """Virtual points that start as points of the mesh.
+
+    The last ones, which small steps have settled; those of least error on `kept_back` where the last are worse by more
+    than a tenth.
 
     Args:
         U: basis, (3n, k), without moving pins.
@@ -245,8 +256,9 @@ def fit_virtual(
                 least, best = error, (points.maps, points.weights)
             if progress is not None:
                 progress(step + 1, error)
-    points.maps, points.weights = best
-    return replace(start, maps=best[0], weights=best[1], training_error=points.error(fitted))
+    if not points.error(kept_back) <= SETTLED * least:
+        points.maps, points.weights = best
+    return replace(start, maps=points.maps, weights=points.weights, training_error=points.error(fitted))
 
 
 def _points(scene: Scene, U: Array, cubature: CubatureSet) -> _Points:
