@@ -49,6 +49,9 @@ JUDGED = 20
 STATES_AT_ONCE = 512
 # The last points are taken unless their error is so many times the least.
 SETTLED = 1.1
+# Closures judged within this factor of the best are equally good, and the largest of them is taken: the true forces are
+# right on other motions too.
+TIE = 1.1
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def select_virtual(
 
     Whether the forces of the true poses help depends on the autoencoder: where they are a smooth function of z they
     take out its stiffness, where they are mostly noise of the training they spoil the fit. So each closure is tried,
-    and the set that the judge finds best is taken.
+    and of those that the judge finds best or nearly so the largest is taken.
 
     Args:
         kept_back: poses to measure the error on, seen by nothing else.
@@ -121,7 +124,8 @@ def select_virtual(
         tried[closure] = (np.nan if judge is None else judge(found)), found
         if judge is None:
             break
-    closure = min(tried, key=lambda share: tried[share][0])
+    least = min(error for error, _ in tried.values())
+    closure = max(share for share, (error, _) in tried.items() if not error > TIE * least)
     on_mesh = np.nan if judge is None else judge(ladder[-1])
     table = np.array([[np.nan, on_mesh], *([share, error] for share, (error, _) in tried.items())])
     best = tried[closure][1]

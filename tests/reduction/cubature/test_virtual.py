@@ -236,6 +236,12 @@ def test_the_closure_that_is_judged_best_is_taken(space: PoseSpace, best: float)
     assert not found.worse_than_mesh
 
 
+def test_of_closures_that_are_nearly_as_good_the_largest_is_taken(space: PoseSpace) -> None:
+    recipe = replace(RECIPE, points=3, steps=10, closures=(0.0, 0.5, 1.0))
+    errors = iter([0.1, 0.108, 0.112, 0.2])
+    assert select_virtual(space, (start(space, 3),), KEPT_BACK, 60, recipe, lambda _: next(errors)).closure == 0.5
+
+
 def test_points_that_are_judged_worse_than_the_mesh_say_so_and_without_a_judge_the_first_closure_is_taken(
     space: PoseSpace,
 ) -> None:
