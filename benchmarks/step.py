@@ -116,7 +116,7 @@ def main(folders: list[Path], dimensions: Sequence[int], kept: Path) -> None:
     with Snapshots(folder / "snapshots.h5") as snapshots, one_thread(), tqdm(unit="set", disable=None) as bar:
         motions = {name: snapshots.recorded(name) for name in snapshots.names}
         swept = sorted({*(dimensions or (*DIMENSIONS, kp))} & set(range(basis + 1)))
-        spaces = [latent_spaces(each, kept) for each in folders] + [linear_spaces(folder, swept, kept)]
+        spaces = [latent_spaces(each) for each in folders] + [linear_spaces(folder, swept, kept)]
         for space in (space for some in spaces for space in some):
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
             timed += [Timed.of(scene, space, stop, motions[snapshots.names[0]]) for stop in STOPS]

@@ -30,29 +30,19 @@ from ldsim.reduction.reconstruction import all_coordinates
 Array = NDArray[np.float64]
 
 TOLERANCE, MOST, POSES, KEPT_BACK = 0.03, 800, 400, 200
-# Virtual points: so many in a latent space besides those of the run, and such shares of a linear set on the mesh.
-LATENT_SIZES = (12, 20)
+# Virtual points of a linear space, as shares of its set on the mesh.
 LINEAR_SHARES = (0.35, 0.65)
 VIRTUAL = VirtualRecipe(0, poses=4000, steps=3000)
 # A linear space misses a little of the true poses too; with which share of their forces it aims best is measured.
 LINEAR_CLOSURES = (0.0, 1.0)
 
 
-def latent_spaces(folder: Path, kept: Path) -> Iterator[ReducedSpace]:
-    """The latent space of a run with what it steps with, its best set on the mesh, and fewer virtual points."""
+def latent_spaces(folder: Path) -> Iterator[ReducedSpace]:
+    """The latent space of a run with what it steps with and, where these are virtual points, its best set on the mesh."""
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
     sets = read_cubature(folder / "cubature.h5")[0]["latent"]
-    place = kept / f"{folder.name}-{file_hash(folder / 'model.h5')[:12]}"
-
-    def fewer(size: int) -> CubatureSet:
-        with _pose_space(folder, model.decoder, lambda q: model.encoder(q)) as (space, recorded):
-            closure = sets.virtual.closure if sets.virtual else 0.0
-            return _virtual(space, sets.ladder, recorded, (closure,), (size,))[0]
-
-    chosen = [sets.stepped, *([sets.best] if sets.virtual else [])]
-    chosen += [_kept(place / f"latent-{size}.npz", lambda size=size: [fewer(size)])[0] for size in LATENT_SIZES]
-    for points in chosen:
+    for points in [sets.stepped, *([sets.best] if sets.virtual else [])]:
         yield ReducedSpace("latent", U, model.decoder, model.encoder, points)
 
 
