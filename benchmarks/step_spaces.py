@@ -38,7 +38,7 @@ LINEAR_CLOSURES = (0.0, 1.0)
 
 
 def latent_spaces(folder: Path) -> Iterator[ReducedSpace]:
-    """The latent space of a run with what it steps with and, where these are virtual points, its best set on the mesh."""
+    """The latent space of a run with what it steps with and, beside virtual points, its best set on the mesh."""
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
     sets = read_cubature(folder / "cubature.h5")[0]["latent"]
@@ -66,7 +66,7 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
 
 @contextmanager
 def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]) -> Iterator[tuple[PoseSpace, int]]:
-    """The poses of a run in a space of the first columns of its basis, and how many of them are recorded."""
+    """The poses of a run in a space of the first columns of its basis, and how many are recorded."""
     scene, _ = read_scene(folder / "scene.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
     model, _ = read_model(folder / "model.h5")
