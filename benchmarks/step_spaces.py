@@ -33,8 +33,6 @@ TOLERANCE, MOST, POSES, KEPT_BACK = 0.03, 800, 400, 200
 # Virtual points of a linear space, as shares of its set on the mesh.
 LINEAR_SHARES = (0.35, 0.65)
 VIRTUAL = VirtualRecipe(0, poses=4000, steps=3000)
-# A linear space misses a little of the true poses too; with which share of their forces it aims best is measured.
-LINEAR_CLOSURES = (0.0, 1.0)
 
 
 def latent_spaces(folder: Path) -> Iterator[ReducedSpace]:
@@ -58,7 +56,7 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
                 fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK, seed=0)
                 found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
                 sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
-                return [found.best, *_virtual(space, found.ladder, recorded, LINEAR_CLOSURES, sizes)]
+                return [found.best, *_virtual(space, found.ladder, recorded, sizes)]
 
         for points in _kept(place / f"linear-{k}.npz", make):
             yield ReducedSpace("linear", np.ascontiguousarray(U[:, :k]), identity, Encoder((), ()), points)
@@ -85,22 +83,14 @@ def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]
 
 
 def _virtual(
-    space: PoseSpace,
-    ladder: tuple[CubatureSet, ...],
-    recorded: int,
-    closures: tuple[float, ...],
-    sizes: tuple[int, ...],
+    space: PoseSpace, ladder: tuple[CubatureSet, ...], recorded: int, sizes: tuple[int, ...]
 ) -> list[CubatureSet]:
-    """Virtual points of several closures and sizes, fitted to the same poses."""
+    """Virtual points of several sizes that aim at the forces of decoded poses: with the true ones PCA-40 of x with 58
+    points was 30 % off on x_1 instead of 9.7 %."""
     none = np.empty(0, dtype=np.int64)
     aiming, poses = Aiming(space, none, 1), choose_poses(len(space.z), none, recorded, VIRTUAL)
-    forces = [aiming.forces(part, (0, i)) for i, part in enumerate(poses)]
-    found = []
-    for closure in closures:
-        fitted, aside = (Aims.joined(*aiming.aims(part, closure)) for part in forces)
-        for size in sizes:
-            found.append(fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL))
-    return found
+    fitted, aside = (Aims.joined(*aiming.aims(aiming.forces(part, (0, i)), 0.0)) for i, part in enumerate(poses))
+    return [fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL) for size in sizes]
 
 
 def _kept(path: Path, make: Callable[[], list[CubatureSet]]) -> list[CubatureSet]:
