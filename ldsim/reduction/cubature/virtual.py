@@ -112,15 +112,8 @@ def select_virtual(
             if progress is not None:
                 progress(before + step, error)
 
-        found = fit_virtual(
-            space.scene,
-            U,
-            start,
-            Aims.joined(*aiming.aims(fitted, closure)),
-            Aims.joined(*aiming.aims(put_aside, closure)),
-            recipe,
-            tell,
-        )
+        aims, aside_aims = (Aims.joined(*aiming.aims(forces, closure)) for forces in (fitted, put_aside))
+        found = fit_virtual(space.scene, U, start, aims, aside_aims, recipe, tell)
         tried[closure] = (np.nan if judge is None else judge(found)), found
         if judge is None:
             break
