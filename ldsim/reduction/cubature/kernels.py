@@ -64,8 +64,8 @@ def stresses_of_strains(elements: Elements, strains: Array, weights: Array, stre
 def point_stress_changes(elements: Elements, strains: Array, along: Array, weights: Array, changes: Array) -> None:
     """Writes w_s ∂²Ψ/∂F² : X_s at F = I + strain for the directions X = `along` into `changes`, all (T, c, 9).
 
-    Central differences of the stress: right to nine digits, and without the singular values of a tangent. Zero where
-    an energy is infinite.
+    Central differences of the stress, which need no singular values as a tangent does. Zero where an energy is
+    infinite.
     """
     ahead, behind = np.empty(9), np.empty(9)
     for t in range(strains.shape[0]):
