@@ -120,8 +120,8 @@ def cubature(report: Mapping[str, Any]) -> Section:
     note = remark(
         "Forces are summed over a weighted few of the quadrature points; the error is that of the reduced force. "
         "Held-out poses are of the training motions, kept back from the fit. Virtual points, where there are "
-        "some, are what was stepped; they aim at the forces of the true poses instead of the decoded ones, which is "
-        "harder to meet."
+        "some, are what was stepped; where they aim at the forces of the true poses instead of the decoded ones, "
+        "their errors are larger and not to be compared."
     )
     return Section("Cubature", (note, table(header, rows, "Cubature sets of the two reduced spaces")), ("cubature",))
 
