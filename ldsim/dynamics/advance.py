@@ -1,6 +1,7 @@
-"""One call from state to state: all that a step reads is handed to compiled code by two references.
+"""One call from state to state: all that a step reads is handed to compiled code by one reference.
 
-Passing the arrays themselves costs half a microsecond each, and a model has fifty: more than the step computes.
+Passing the arrays themselves costs half a microsecond each, and a model has fifty: more than the step computes. A
+reference costs two.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 
 @structref.register
 class _Reference(types.StructRef):
-    """The compiled side of `Model` and `Held`."""
+    """The compiled side of `Reference`."""
 
     def preprocess_fields(self, fields: tuple[tuple[str, types.Type], ...]) -> tuple[tuple[str, types.Type], ...]:
         return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
@@ -40,20 +41,14 @@ class Reference(structref.StructRefProxy):
 structref.define_proxy(Reference, _Reference, ["content"])  # type: ignore[no-untyped-call]
 
 
-def model_reference(model: Reduced, options: Options, work: Work) -> Reference:
-    """What stays from step to step."""
-    return Reference((model, options, work))
-
-
-def springs_reference(springs: Springs) -> Reference:
-    """The grabs; their targets and stiffnesses may be changed in place."""
-    return Reference((springs,))
+def step_reference(model: Reduced, springs: Springs, options: Options, work: Work) -> Reference:
+    """What stays from step to step; targets and stiffnesses of the grabs may be changed in place."""
+    return Reference((model, springs, options, work))
 
 
 @njit(cache=True, nogil=True)
 def advance(
-    model: Reference,
-    springs: Reference,
+    reference: Reference,
     state: Array,
     renew: bool,
     new: Array,
@@ -64,7 +59,7 @@ def advance(
         state: `ReducedState.data`; left as it is.
         new: that of the new state, its guess by quadratic extrapolation; overwritten.
     """
-    reduced, options, work = model.content
+    reduced, springs, options, work = reference.content
     r, k = work.g.shape[0], work.q.shape[0]
     q, H = 3 * r, 3 * r + 2 * k
     new[:r] = state[:r]
@@ -73,7 +68,7 @@ def advance(
     for j in range(k):
         predictor[j] = 2.0 * state[q + j] - state[q + k + j]
     H_new = new[H:].reshape(r, r)
-    result = step(reduced, springs.content[0], predictor, state[2 * r : q], new[:r], H_new, renew, options, work)
+    result = step(reduced, springs, predictor, state[2 * r : q], new[:r], H_new, renew, options, work)
     for i in range(r):
         new[r + i] = state[i]
         new[2 * r + i] = new[i] + 2.0 * (new[i] - state[i]) - (state[i] - state[r + i])

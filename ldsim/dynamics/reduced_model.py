@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.advance import advance, model_reference, springs_reference
+from ldsim.dynamics.advance import Reference, advance, step_reference
 from ldsim.dynamics.reduced import Method, Options
 from ldsim.dynamics.reduced_potential import Reduced, Springs, Work, make_work
 from ldsim.mechanics.motion import Grab
@@ -184,6 +184,7 @@ class ReducedStepper:
             np.zeros((0 if lifting is None or lifting.count == 0 else len(points), 9)),
         )
         self.lifting = lifting
+        self._moving = len(self._model.lifted) > 0
         if lifting is not None and lifting.count:
             self._lift(scene, U, lifting.fields, points)
         self._base, self._stiffness = self._model, stiffness
@@ -199,8 +200,7 @@ class ReducedStepper:
         self._work = make_work(decoder, len(points))
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
-        self._reference = model_reference(self._model, self._options, self._work)
-        self._springs_reference = springs_reference(self._springs)
+        self._reference = self._make_reference()
 
     @property
     def compiled(self) -> tuple[Reduced, Springs, Work]:
@@ -230,19 +230,17 @@ class ReducedStepper:
         Raises:
             ValueError: the state is of another model, which the compiled loops would not notice.
         """
-        if (state.r, state.k) != self._dimensions:
+        if state.r != self._dimensions[0] or state.k != self._dimensions[1]:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")
         if gravity is not None or self._gravity is not None:
             self._set_gravity(gravity)
-        held = tuple([grab.vertices for grab in grabs])
-        renew = not state.usable or state.excess > self._renewal_cost or not _same(held, state.held)
         self.springs(grabs)
-        if len(self._model.lifted):
+        held = self._springs_of
+        renew = not state.usable or state.excess > self._renewal_cost or not _same(held, state.held)
+        if self._moving:
             self._set_pins(prescribed, grabs)
         data = np.empty(len(state.data))
-        iterations, evaluations, reason, value, norm = advance(
-            self._reference, self._springs_reference, state.data, renew, data
-        )
+        iterations, evaluations, reason, value, norm = advance(self._reference, state.data, renew, data)
         solution = Solution(value, norm, iterations, evaluations, REASONS[reason])
         if renew:  # where no iteration was needed, nothing was factorised, so the next step must
             return ReducedState(data, state.r, state.k, iterations > 0, held, iterations), solution
@@ -268,19 +266,23 @@ class ReducedStepper:
         base = self._base
         metric = base.metric + (scale - 1) * self._stiffness
         self._model = self._model._replace(mu=scale * base.mu, lam=scale * base.lam, metric=metric)
-        self._reference = model_reference(self._model, self._options, self._work)
+        self._reference = self._make_reference()
 
     def springs(self, grabs: Sequence[Grab]) -> Springs:
         """The grabs in reduced coordinates; B is kept while the same vertices are held."""
-        held = tuple([grab.vertices for grab in grabs])
+        held = [grab.vertices for grab in grabs]
         if not _same(held, self._springs_of):
             self._springs = self._make_springs(grabs)
-            self._springs_of = held
-            self._springs_reference = springs_reference(self._springs)
+            self._springs_of = tuple(held)
+            self._reference = self._make_reference()
+        _, _, target, stiffness = self._springs
         for i, grab in enumerate(grabs):
-            self._springs.target[i] = grab.target
-            self._springs.stiffness[i] = grab.stiffness
+            target[i] = grab.target
+            stiffness[i] = grab.stiffness
         return self._springs
+
+    def _make_reference(self) -> Reference:
+        return step_reference(self._model, self._springs, self._options, self._work)
 
     def _make_springs(self, grabs: Sequence[Grab]) -> Springs:
         count, k = len(grabs), self._U.shape[2]
@@ -293,12 +295,19 @@ class ReducedStepper:
     def displacement(self, state: ReducedState, prescribed: Prescribed | None = None) -> Array:
         """u = U q + L a, (n, 3) float64, metres."""
         u: Array = self._U @ state.q
-        return u if prescribed is None or not len(self._model.lifted) else u + self._fields @ prescribed.a
+        return u if prescribed is None or not self._moving else u + self._fields @ prescribed.a
 
 
 def _same(left: Sequence[NDArray[np.int64]], right: Sequence[NDArray[np.int64]]) -> bool:
     """Whether both hold the same arrays, which a drag keeps from frame to frame."""
-    return len(left) == len(right) and all(a is b for a, b in zip(left, right, strict=True))
+    if left is right:
+        return True
+    if len(left) != len(right):
+        return False
+    for i, vertices in enumerate(left):
+        if vertices is not right[i]:
+            return False
+    return True
 
 
 def _diagonal(matrix: Array) -> Array:
