@@ -2,7 +2,8 @@
 
 All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
 stiffness of its own; on one CPU core and, where there is one, on a GPU, in double and single precision. Beside them the
-serial stepper, which takes the same steps one instance after another. `--quick` takes three sizes.
+serial stepper, which takes the same steps one instance after another. `--quick` takes three sizes. The results are
+written after each size.
 """
 
 from __future__ import annotations
@@ -116,9 +117,9 @@ def main(folder: Path, sizes: tuple[int, ...]) -> None:
                     note(f"batched on {name}", rate, "steps/s")
                     note(f"iterations a step on {name}", iterations, "")
                     note(f"converged on {name}", converged, "share")
+                    write(folder, rows, sizes == QUICK)
                     if device == "cpu" and time.perf_counter() - started > LONGEST:
                         break
-    write(folder, rows, sizes == QUICK)
 
 
 def write(folder: Path, rows: list[dict[str, object]], quick: bool) -> None:

@@ -3,7 +3,8 @@
 For each finished run (make EXPERIMENT=x …): online error of its latent space and of linear ones on every motion,
 uninterrupted and restarted from the full space every 0.25 s; how many linear dimensions one latent one is worth; and,
 at poses of every motion, how far the forces of the decoded pose would move the solid. `--latent` trains other latent
-dimensions as well, with the settings and the rehearsal of the run; `--linear` and `--motion` choose what is measured
+dimensions as well, with the settings and the rehearsal of the run. "Stepped" is the latent space of the run with the
+cubature that `ldsim simulate` would step it with, where it has one. `--linear` and `--motion` choose what is measured
 (each space and motion takes minutes). Every space that is done is kept in `--kept` and not measured again
 as long as the run has the same model; interrupted, it goes on with the next. `--pca` measures the streamed PCA against
 one in memory (250,000 × 1,000 float32). `--quick` takes 60 frames and three linear dimensions.
@@ -21,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from results_file import write_results
-from space_parts import Row, Solid, measure_pca, measure_space, opened, row
+from space_parts import Row, Solid, measure_pca, measure_space, measure_stepped, opened, row
 
 from ldsim.artefacts.store import file_hash
 from ldsim.evaluation.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
@@ -98,6 +99,11 @@ def measure(folder: Path, given: argparse.Namespace) -> list[Row]:
             found = kept(place / f"{name}-{kind}-{size}{part}.json", one)
             show(found)
             rows += found
+        if solid.cubature is not None and not given.quick:
+            digest = file_hash(folder / "cubature.h5")[:12]
+            found = kept(place / f"{name}-stepped-{digest}{part}.json", lambda: measure_stepped(solid, motions))
+            show(found)
+            rows += found
         for motion in motions:
             role = solid.snapshots.recorded(motion).role
             rows += worths(rows, name, f"{motion} ({role})", role == "heldout")
@@ -105,13 +111,14 @@ def measure(folder: Path, given: argparse.Namespace) -> list[Row]:
 
 
 def worths(rows: list[Row], name: str, motion: str, unseen: bool) -> list[Row]:
-    """kp/r on one motion of every latent space."""
+    """kp/r on one motion of every latent space, the linear ones with every element."""
     linear = errors(rows, motion, "linear")
     found = []
-    for r, error in errors(rows, motion, "latent").items():
-        kp = worth(error, linear)
-        goal = ">= 2.5" if unseen else None
-        found.append(row(name, f"kp/r, {motion}, latent {r}", None if kp is None else kp / r, "", goal))
+    for kind in ("latent", "stepped"):
+        for r, error in errors(rows, motion, kind).items():
+            kp = worth(error, linear)
+            goal = ">= 2.5" if unseen else None
+            found.append(row(name, f"kp/r, {motion}, {kind} {r}", None if kp is None else kp / r, "", goal))
     show(found)
     return found
 

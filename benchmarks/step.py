@@ -19,9 +19,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from judging import errors
 from numpy.typing import NDArray
 from results_file import write_results
-from scipy.sparse import csr_array
 from step_frontier import Point, picture, ratios, rows
 from step_spaces import latent_spaces, linear_spaces
 from tqdm import tqdm
@@ -30,7 +30,7 @@ from ldsim.artefacts.records import read_basis, read_model, read_scene
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.dynamics.reduced import Method
 from ldsim.dynamics.reduced_model import ReducedStepper
-from ldsim.evaluation.comparison import Frames, ReducedSpace, fastest, restarts_every, run_reduced, with_errors
+from ldsim.evaluation.comparison import ReducedSpace, fastest, run_reduced
 from ldsim.mechanics.scene import Scene
 from ldsim.reduction.pca import inner_product
 from ldsim.threads import one_thread
@@ -40,7 +40,6 @@ QUICK = (20, 30, 40, 50)
 # ‖∇E‖ ≤ stop · max(‖z‖, 1), N: 10⁻⁸ of the potential as the paper prints it; the same, and the 10⁻⁷ of some of its
 # models, of what the authors' code minimises: h² times the potential with h = 5 ms.
 STOPS = (1e-8, 4e-4, 4e-3)
-WINDOW = 0.25
 REPEATS = 5
 PICTURES = Path(__file__).parent.parent / "docs" / "pictures"
 
@@ -72,19 +71,6 @@ class Timed:
         before = self.seconds.get(name, run.seconds)
         self.seconds[name] = np.fmin(before, run.seconds)
         self.evaluations[name] = float(run.evaluations.mean())
-
-
-def errors(scene: Scene, timed: Timed, recorded: Recorded, frames: Frames, metric: csr_array) -> tuple[float, float]:
-    """Online error of a motion, whole and restarted every window."""
-    space, motion = timed.space, recorded.motion
-    whole = run_reduced(timed.stepper, scene, motion, recorded.held, range(motion.frames))
-    restarts = restarts_every(scene, metric, space, frames, WINDOW)
-    windowed = run_reduced(timed.stepper, scene, motion, recorded.held, range(motion.frames), restarts)
-    judged = with_errors(whole, space.U, frames, windowed)
-    assert judged.mean_error is not None and judged.mean_displacement is not None
-    assert judged.windowed_mean_error is not None
-    moved = judged.mean_displacement.sum()
-    return float(judged.mean_error.sum() / moved), float(judged.windowed_mean_error.sum() / moved)
 
 
 def point(timed: Timed, motion: str, online: float, windowed: float) -> Point:
@@ -121,7 +107,9 @@ def main(folders: list[Path], dimensions: Sequence[int], kept: Path) -> None:
             bar.set_description(f"{space.name} {space.decoder.r}, {len(space.cubature.points)} points")
             timed += [Timed.of(scene, space, stop, motions[snapshots.names[0]]) for stop in STOPS]
             for name, recorded in motions.items():
-                error[id(space), name] = errors(scene, timed[-1], recorded, snapshots.reader(name), metric)
+                error[id(space), name] = errors(
+                    scene, space, timed[-1].stepper, recorded, snapshots.reader(name), metric
+                )
             bar.update()
         for each, recorded in tqdm(
             list(product(REPEATS * timed, motions.values())), "timing", unit="run", disable=None
