@@ -96,7 +96,7 @@ class Aiming:
         space = self._space
         z, given = space.z[poses], space.given_in(poses)
         moved = _moved(z, space.z.std(axis=0), seed)
-        true = self._forces(lambda t: space.displacement(int(poses[t])), len(poses))
+        true = self._forces(lambda part: np.stack([space.displacement(int(poses[t])) for t in part]), len(poses))
         return PoseForces(z, self._decoded_forces(z, given), true, moved, self._decoded_forces(moved, given), given)
 
     def aims(self, forces: PoseForces, closure: float) -> tuple[Aims, Aims]:
@@ -116,11 +116,15 @@ class Aiming:
     def _decoded_forces(self, z: Array, given: Array | None) -> Array:
         space = self._space
         q = space.decoder(z) if given is None else np.hstack([space.decoder(z), given])
-        return self._forces(lambda t: space.U @ q[t], len(q))
+        return self._forces(lambda part: q[part.start : part.stop] @ space.U.T, len(q))
 
-    def _forces(self, displacement: Callable[[int], NDArray[np.floating]], count: int) -> Array:
-        """Uᵀ f of displacements, (T, k) N; NaN where the energy is infinite."""
-        forces, finite = total_forces(self._space.scene.elements, self._U, displacement, count, self._threads)
+    def _forces(self, displacements: Callable[[range], NDArray[np.floating]], count: int) -> Array:
+        """Uᵀ f of blocks of displacements, (T, k) N; NaN where the energy is infinite."""
+
+        def exactly(part: range) -> Array:
+            return np.ascontiguousarray(displacements(part), dtype=np.float64)
+
+        forces, finite = total_forces(self._space.scene.elements, self._U, exactly, count, self._threads)
         forces[~finite] = np.nan
         return forces
 

@@ -9,6 +9,7 @@ y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -103,7 +104,9 @@ class ProjectedForces:
         given = np.empty((len(z), 0)) if given is None else given
         _check_shapes(scene, self._U, decoder, z, given, floor)
         q = np.hstack([decoder(z), given])
-        forces, finite = total_forces(self._elements, self._U, lambda t: self._U @ q[t], len(q), threads)
+        forces, finite = total_forces(
+            self._elements, self._U, lambda poses: q[_span(poses)] @ self._U.T, len(q), threads
+        )
         if closure is not None:
             true = _checked(closure, scene.mesh.n_vertices)
             aimed, possible = total_forces(self._elements, self._U, true, min(closure.poses, len(q)), threads)
@@ -220,24 +223,25 @@ class ProjectedForces:
 
 
 def total_forces(
-    elements: Elements, U: Array, displacement: Callable[[int], NDArray[np.floating]], count: int, threads: int
+    elements: Elements, U: Array, displacements: Callable[[range], Array], count: int, threads: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Uᵀ f of the displacements 0 … count − 1, (T, k), N, and which have finite energy, (T,).
+    """Uᵀ f of the poses 0 … count − 1, (T, k), N, and which have finite energy, (T,).
 
     Args:
+        displacements: of a block of poses, (b, 3n) float64, metres.
         threads: that share them out, 0 for one a core. The result does not depend on it.
     """
-    shape = (len(U) // 3, 3)
 
-    def force(t: int) -> tuple[Array, bool]:
-        gradient = np.zeros(shape)
-        u = np.ascontiguousarray(displacement(t), dtype=np.float64).reshape(shape)
-        energy = add_elastic_gradient(elements, u, gradient)
-        return gradient.ravel() @ U, bool(np.isfinite(energy))
+    def forces(block: range) -> tuple[Array, list[bool]]:
+        u = displacements(block).reshape(len(block), -1, 3)
+        gradients = np.zeros(u.shape)
+        energies = [add_elastic_gradient(elements, *pair) for pair in zip(u, gradients, strict=True)]
+        return gradients.reshape(len(block), -1) @ U, [math.isfinite(energy) for energy in energies]
 
-    found = list(in_threads(force, range(count), threads))
-    forces = np.array([f for f, _ in found]).reshape(count, -1)
-    return forces, np.array([finite for _, finite in found], dtype=bool) & np.isfinite(forces).all(axis=1)
+    found = list(in_threads(forces, _blocks(count), threads))
+    projected = np.concatenate([part for part, _ in found]) if found else np.empty((0, U.shape[1]))
+    finite = np.array([one for _, part in found for one in part], dtype=bool)
+    return projected, finite & np.isfinite(projected).all(axis=1)
 
 
 def pose_scales(norms: Array, floor: float, rounding: float) -> Array:
@@ -260,7 +264,7 @@ def _span(block: range) -> slice:
     return slice(block.start, block.stop)
 
 
-def _checked(closure: Closure, n_vertices: int) -> Callable[[int], Array]:
+def _checked(closure: Closure, n_vertices: int) -> Callable[[range], Array]:
     """The true displacements, each reading checked, for the compiled loops do not."""
 
     def displacement(t: int) -> Array:
@@ -269,7 +273,7 @@ def _checked(closure: Closure, n_vertices: int) -> Callable[[int], Array]:
             raise SolverError(f"cubature: displacement of pose {t} has shape {u.shape}; expected ({n_vertices}, 3)")
         return u
 
-    return displacement
+    return lambda block: np.stack([displacement(t) for t in block])
 
 
 def _unit_force(elements: Elements) -> float:

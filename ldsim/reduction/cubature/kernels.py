@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.mechanics.elastic import Elements, deformation_gradient
-from ldsim.mechanics.materials import energy, energy_stress
+from ldsim.mechanics.materials import energy, weighted_stresses
 from ldsim.mechanics.materials.tensors import Matrix
 
 Array = NDArray[np.float64]
@@ -50,13 +50,15 @@ def stresses_of_strains(elements: Elements, strains: Array, weights: Array, stre
 
     Returns the number of those.
     """
-    infinite = 0
+    infinite, together = 0, np.empty((9, strains.shape[1]))
     for t in range(strains.shape[0]):
+        together[:] = strains[t].T
+        whole = weighted_stresses(elements.kind, together, weights, elements.mu, elements.lam) < np.inf
         for s in range(strains.shape[1]):
-            density, P = energy_stress(elements.kind[s], _deformed(strains[t, s]), elements.mu[s], elements.lam[s])
-            infinite += density == np.inf
+            finite = whole or _finite(elements, s, strains[t, s])
+            infinite += not finite
             for i in range(9):
-                stresses[t, s, i] = weights[s] * P[i] if density < np.inf else 0.0
+                stresses[t, s, i] = together[i, s] if finite else 0.0
     return infinite
 
 
@@ -67,22 +69,33 @@ def point_stress_changes(elements: Elements, strains: Array, along: Array, weigh
     Central differences of the stress, which need no singular values as a tangent does. Zero where an energy is
     infinite.
     """
-    ahead, behind = np.empty(9), np.empty(9)
+    count = strains.shape[1]
+    ahead, behind, steps = np.empty((9, count)), np.empty((9, count)), np.empty(count)
+    kind, mu, lam = elements.kind, elements.mu, elements.lam
     for t in range(strains.shape[0]):
-        for s in range(strains.shape[1]):
+        for s in range(count):
             length = 0.0
             for i in range(9):
                 length += along[t, s, i] * along[t, s, i]
-            step = DIFFERENCE / math.sqrt(length) if length > 0.0 else 0.0
+            steps[s] = DIFFERENCE / math.sqrt(length) if length > 0.0 else 0.0
             for i in range(9):
-                ahead[i] = strains[t, s, i] + step * along[t, s, i]
-                behind[i] = strains[t, s, i] - step * along[t, s, i]
-            kind, mu, lam = elements.kind[s], elements.mu[s], elements.lam[s]
-            up, P = energy_stress(kind, _deformed(ahead), mu, lam)
-            down, Q = energy_stress(kind, _deformed(behind), mu, lam)
-            finite = step > 0.0 and up < np.inf and down < np.inf
+                ahead[i, s] = strains[t, s, i] + steps[s] * along[t, s, i]
+                behind[i, s] = strains[t, s, i] - steps[s] * along[t, s, i]
+        up = weighted_stresses(kind, ahead, weights, mu, lam)
+        down = weighted_stresses(kind, behind, weights, mu, lam)
+        for s in range(count):
+            finite = steps[s] > 0.0
+            if finite and not (up < np.inf and down < np.inf):
+                step = steps[s] * along[t, s]
+                finite = _finite(elements, s, strains[t, s] + step) and _finite(elements, s, strains[t, s] - step)
             for i in range(9):
-                changes[t, s, i] = 0.5 * weights[s] / step * (P[i] - Q[i]) if finite else 0.0
+                changes[t, s, i] = 0.5 / steps[s] * (ahead[i, s] - behind[i, s]) if finite else 0.0
+
+
+@njit(cache=True, inline="always")
+def _finite(elements: Elements, s: int, strain: Array) -> bool:
+    """Whether the energy of point s is finite at F = I + strain, (9,)."""
+    return energy(elements.kind[s], _deformed(strain), elements.mu[s], elements.lam[s]) < np.inf
 
 
 @njit(cache=True, inline="always")
