@@ -99,7 +99,7 @@ class Solid:
             )
         known = {field.name for field in fields(TrainingOptions)}
         options = TrainingOptions(**settings.model_dump(include=known))
-        trained = train(np.concatenate([q, self.rehearsed]), r, options, forces=forces)
+        trained = train(np.concatenate([q, self.rehearsed]), r, options, forces=forces, recorded=len(q))
         return trained.decoder, trained.encoder
 
 

@@ -30,6 +30,8 @@ from ldsim.reduction.trust import fit_trust
 from ldsim.settings import TrainSettings
 from ldsim.threads import one_thread
 
+# Pulls of a rehearsal that are run one after another; then the solid is at rest again.
+PULLS_TOGETHER = 10
 NO_HELDOUT = "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
 
 
@@ -63,7 +65,7 @@ def command(run: Run) -> None:
                     lambda t: lifting.fields @ a[t],
                 )
             every = np.concatenate([q, rehearsed])
-            trainings = _Trainings(every, settings, forces, partial, bar)
+            trainings = _Trainings(every, len(q), settings, forces, partial, bar)
             most = settings.tolerance_mm / 1e3
             found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, most)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
@@ -107,9 +109,10 @@ def _rehearsed(
 
             stepper = rehearsal_stepper(scene, U, q, settings.rehearsal.seed, show)
         with progress_bar(motion.frames, "train: rehearsal", "frame") as bar:
-            made = rehearse(stepper, scene, motion, bar.update)
+            part = PULLS_TOGETHER * (settings.rehearsal.frames + settings.rehearsal.rest)
+            made = rehearse(stepper, scene, motion, bar.update, part)
         if len(made) < motion.frames:
-            click.echo(f"warning: the rehearsal was lost after {len(made)} of {motion.frames} frames", err=True)
+            click.echo(f"warning: the rehearsal lost {motion.frames - len(made)} of {motion.frames} frames", err=True)
         kept = {"q": made.astype(np.float32)}
         store.save(kept)
     return kept["q"].astype(np.float64)
@@ -121,12 +124,13 @@ class _Trainings:
     def __init__(
         self,
         q: NDArray[np.float64],
+        recorded: int,
         settings: TrainSettings,
         forces: Forces | None,
         folder: Path,
         bar: tqdm[Never],
     ) -> None:
-        self._q, self._forces, self._folder, self._bar = q, forces, folder, bar
+        self._q, self._recorded, self._forces, self._folder, self._bar = q, recorded, forces, folder, bar
         names = {field.name for field in fields(TrainingOptions)}
         self._options = TrainingOptions(**settings.model_dump(include=names))
         self._ordered: Callable[[int], Trained] | None = None
@@ -134,13 +138,14 @@ class _Trainings:
     def alone(self, r: int) -> Trained:
         """A training of one size."""
         self._bar.set_description(f"train r = {r}")
-        return train(self._q, r, self._options, self._show, self._forces, self._store(f"r{r}"))
+        return train(self._q, r, self._options, self._show, self._forces, self._store(f"r{r}"), self._recorded)
 
     def leading(self, r: int) -> Trained:
         """The leading codes of the ordered training, which is as large as the first that is asked for."""
         if self._ordered is None:
             self._bar.set_description(f"train up to r = {r}")
-            self._ordered = train_ordered(self._q, r, self._options, self._show, self._store(f"ordered{r}"))
+            store = self._store(f"ordered{r}")
+            self._ordered = train_ordered(self._q, r, self._options, self._show, store, self._recorded)
         return self._ordered(r)
 
     def _show(self, epoch: int, training: float, validation: float) -> None:
@@ -149,7 +154,7 @@ class _Trainings:
 
     def _store(self, name: str) -> TrainingStore:
         """Where a training of these very data and options keeps its checkpoint."""
-        digest = hashlib.sha256(self._q.tobytes() + f"{name} {self._options}".encode())
+        digest = hashlib.sha256(self._q.tobytes() + f"{name} {self._options} {self._recorded}".encode())
         for array in () if self._forces is None else (self._forces.stiffness, self._forces.excess):
             digest.update(array.tobytes())
         return TrainingStore(self._folder, name, digest.hexdigest())

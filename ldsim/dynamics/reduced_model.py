@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -201,6 +202,15 @@ class ReducedStepper:
         self._springs_of: tuple[NDArray[np.int64], ...] = ()
         self._springs = self._make_springs([])
         self._reference = self._make_reference()
+
+    def twin(self) -> ReducedStepper:
+        """A stepper of the same model with memory of its own, for another thread."""
+        other = copy(self)
+        other._model = self._model._replace(force=self._model.force.copy(), lifted=self._model.lifted.copy())
+        other._work = make_work(self.decoder, len(self._model.weights))
+        other._springs_of, other._springs = (), self._make_springs([])
+        other._reference = other._make_reference()
+        return other
 
     @property
     def compiled(self) -> tuple[Reduced, Springs, Work]:

@@ -80,6 +80,9 @@ class TrainSettings(Section):
     rehearsal: PullSettings | None = Field(
         None, description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
     )
+    recorded_share: float = Field(
+        0.25, ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it."
+    )
     noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
     variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
     smoothness: float = Field(0.0, ge=0, description="Weight of the decoder's curvature between poses; 0 for none.")

@@ -116,4 +116,4 @@ def test_a_rehearsal_that_is_lost_is_said(experiment: Experiment, monkeypatch: p
     experiment.configure(TINY | {"train": REHEARSED})
     result = experiment.invoke("train")
     assert result.exit_code == 0
-    assert "the rehearsal was lost after 7 of 60 frames" in result.stderr
+    assert "the rehearsal lost 53 of 60 frames" in result.stderr

@@ -82,6 +82,22 @@ def test_gravity_of_the_motion_is_the_gravity_of_the_rehearsal(
     assert np.linalg.norm(still) < 1e-9
 
 
+@pytest.mark.parametrize("threads", [1, 3])
+def test_each_part_starts_at_rest_whatever_the_threads(
+    body: Scene, space: tuple[Array, Array, ReducedStepper], threads: int
+) -> None:
+    *_, stepper = space
+    motion = pulled(body, 1)
+    told: list[int] = []
+    q = rehearse(stepper, body, motion, lambda: told.append(1), part=22, threads=threads)
+    assert len(q) == len(told) == motion.frames == 66
+    np.testing.assert_array_equal(q[:22], rehearse(stepper, body, motion.first(22), lambda: None))
+    for drag in range(3):
+        own = replace(motion.drags[drag], start=0)
+        alone = rehearse(stepper, body, Motion("alone", 22, (own,)), lambda: None)
+        np.testing.assert_array_equal(q[22 * drag : 22 * drag + 22], alone)
+
+
 def test_a_lost_run_keeps_the_frames_before(
     body: Scene, space: tuple[Array, Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
 ) -> None:

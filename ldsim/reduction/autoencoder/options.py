@@ -27,6 +27,7 @@ class TrainingOptions:
         variational: weight of the Kullback–Leibler term of a variational autoencoder (Kingma and Welling 2014), as a
             share of the variance of the data; 0 for none.
         smoothness: weight of the curvature of the decoder between neighbouring codes; 0 for none.
+        recorded_share: least share of recorded frames in an epoch beside rehearsed ones; they are repeated for it.
         equilibrium: weight of the loss of `losses.equilibrium_shift` in the last part of training; 0 for none.
         equilibrium_start: share of the epochs after which that loss sets in.
         device: a name that torch knows, or "auto" for CUDA where there is one.
@@ -41,6 +42,7 @@ class TrainingOptions:
     patience: int = 400
     seed: int = 0
     balance: float = 0.5
+    recorded_share: float = 0.0
     skip: bool = False
     noise: float = 0.0
     variational: float = 0.0

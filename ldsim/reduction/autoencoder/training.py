@@ -73,6 +73,7 @@ def train(
     progress: Progress | None = None,
     forces: Forces | None = None,
     checkpoint: Checkpoint | None = None,
+    recorded: int | None = None,
 ) -> Trained:
     """Train an autoencoder of latent dimension r on coordinates q, (N, k) float64.
 
@@ -80,13 +81,14 @@ def train(
         progress: called after each epoch with its number, training loss and validation loss (scaled).
         forces: tangents and forces of some poses; needed where options.equilibrium is not 0.
         checkpoint: where to save the state now and then, and to go on from.
+        recorded: the first so many rows are of recordings, the others rehearsed; None where all are recorded.
 
     Raises:
         SolverError: r is above k, there are too few snapshots to split, the data do not move or are not finite, or the
             loss is not finite.
     """
     scale = _checked_scale(q, r, options)
-    fit = _Fit(q / scale, r, options, _scaled(forces, scale), ordered=False)
+    fit = _Fit(q / scale, r, options, _scaled(forces, scale), recorded, ordered=False)
     fit.run(progress, checkpoint)
     return fit.result(scale, q, r)
 
@@ -97,6 +99,7 @@ def train_ordered(
     options: TrainingOptions,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
+    recorded: int | None = None,
 ) -> Callable[[int], Trained]:
     """Train r ordered codes: the result gives the autoencoder of so many leading ones.
 
@@ -104,7 +107,7 @@ def train_ordered(
     any number of leading codes is an autoencoder of its own. Arguments and errors are those of `train`.
     """
     scale = _checked_scale(q, r, options)
-    fit = _Fit(q / scale, r, replace(options, equilibrium=0.0), None, ordered=True)
+    fit = _Fit(q / scale, r, replace(options, equilibrium=0.0), None, recorded, ordered=True)
     fit.run(progress, checkpoint)
     return lambda codes: fit.result(scale, q, codes)
 
@@ -133,6 +136,15 @@ def _held_back(frames: int, options: TrainingOptions) -> int:
     return max(int(round(options.validation_share * frames)), 1)
 
 
+def _repeated(rows: torch.Tensor, recorded: int, share: float) -> torch.Tensor:
+    """Rows of the data with those below `recorded` so often that they are at least that share, if they are not all."""
+    own, others = rows[rows < recorded], rows[rows >= recorded]
+    if len(own) == 0 or len(others) == 0:
+        return rows
+    times = max(math.ceil(share / (1 - share) * len(others) / len(own)), 1)
+    return torch.cat([own.repeat(times), others])
+
+
 def _device(name: str) -> torch.device:
     """The device of that name; "auto" is CUDA where there is one."""
     if name == "auto":
@@ -145,7 +157,9 @@ def _device(name: str) -> torch.device:
 class _Fit:
     """One training: SOAP on a cosine; keeps the weights of the lowest validation loss of its last phase."""
 
-    def __init__(self, q: Array, r: int, options: TrainingOptions, forces: Forces | None, ordered: bool) -> None:
+    def __init__(
+        self, q: Array, r: int, options: TrainingOptions, forces: Forces | None, recorded: int | None, ordered: bool
+    ) -> None:
         self.options = options
         self.ordered = ordered
         self.device = _device(options.device)
@@ -153,7 +167,8 @@ class _Fit:
         data = torch.tensor(q, dtype=torch.float32)
         shuffled = torch.randperm(len(q), generator=self.generator)
         held = _held_back(len(q), options)
-        self.held, self.kept = data[shuffled[:held]].to(self.device), data[shuffled[held:]].to(self.device)
+        kept = _repeated(shuffled[held:], len(q) if recorded is None else recorded, options.recorded_share)
+        self.held, self.kept = data[shuffled[:held]].to(self.device), data[kept].to(self.device)
         spread = data.square().mean(dim=0).sqrt()
         self.spread = torch.clamp(spread / spread.max(), min=LEAST_SPREAD).to(self.device)
         self.weights = self.spread ** (-2 * options.balance)

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
 from ldsim.reduction.autoencoder import Trained, TrainingOptions, train
+from ldsim.reduction.autoencoder.training import _repeated
 
 Array = NDArray[np.float64]
 
@@ -77,3 +79,18 @@ def test_training_stops_when_the_validation_loss_has_gone_stale() -> None:
 def test_what_cannot_be_trained_is_refused_in_one_line(q: Array, r: int, message: str) -> None:
     with pytest.raises(SolverError, match=message):
         train(q, r, replace(OPTIONS, epochs=2))
+
+
+@pytest.mark.parametrize(("recorded", "share", "times"), [(10, 0.5, 9), (10, 0.25, 3), (10, 0.0, 1), (100, 0.5, 1)])
+def test_recorded_frames_are_repeated_to_their_share(recorded: int, share: float, times: int) -> None:
+    found = np.bincount(_repeated(torch.arange(100), recorded, share).numpy())
+    assert (found[:recorded] == times).all()
+    assert (found[recorded:] == 1).all()
+
+
+def test_frames_that_are_repeated_are_learned_better() -> None:
+    q = arc()
+    often = train(q, 1, replace(OPTIONS, epochs=40, recorded_share=0.9), recorded=len(q) // 8)
+    alike = train(q, 1, replace(OPTIONS, epochs=40), recorded=len(q) // 8)
+    own = q[: len(q) // 8]
+    assert mean_error(often, own) < 0.8 * mean_error(alike, own)
