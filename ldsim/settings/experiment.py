@@ -73,7 +73,7 @@ class TrainSettings(Section):
         0.5, ge=0, le=1, description="The loss weights each coordinate by its r.m.s. to −balance; 0 is the paper's."
     )
     equilibrium: float = Field(
-        3.0, ge=0, description="Weight of how far forces at decoded poses would move the solid; 0 for none."
+        0.0, ge=0, description="Weight of how far forces at decoded poses would move the solid; 0 for none."
     )
     equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
     equilibrium_poses: int = Field(200, ge=1, description="Training poses that it looks at.")
@@ -81,7 +81,7 @@ class TrainSettings(Section):
         None, description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
     )
     recorded_share: float = Field(
-        0.25, ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it."
+        0.5, ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it."
     )
     noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
     variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
