@@ -131,7 +131,7 @@ def picture(rows: list[Row], name: str) -> str:
     motions = dict.fromkeys(r["quantity"].split(", ")[1] for r in own if r["quantity"].startswith(start))
     for motion in motions:
         line = "-" if "(heldout)" in motion else "--"
-        for kind, colour in (("linear", LINEAR), ("latent", LATENT)):
+        for kind, colour, marker in (("linear", LINEAR, "o"), ("latent", LATENT, "o"), ("stepped", LATENT, "D")):
             found = errors(own, motion, kind)
             if found:
                 sizes, values = zip(*found.items(), strict=True)
@@ -140,9 +140,9 @@ def picture(rows: list[Row], name: str) -> str:
                     100 * np.array(values),
                     line,
                     color=colour,
-                    label=f"{kind}, {motion}",
-                    marker="o",
-                    markersize=3,
+                    label=f"{kind}, {motion.split(' (')[0]}",
+                    marker=marker,
+                    markersize=3 if marker == "o" else 5,
                 )
     log_scale(ax, "y")
     legend(ax)
