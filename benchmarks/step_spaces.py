@@ -53,7 +53,8 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
 
         def make(k: int = k, identity: Decoder = identity) -> list[CubatureSet]:
             with _pose_space(folder, identity, lambda q: np.ascontiguousarray(q[:, :k])) as (space, recorded):
-                fitted, kept_back = split_poses(len(space.z), min(POSES, len(space.z) * 2 // 3), KEPT_BACK, seed=0)
+                poses = len(space.z)
+                fitted, kept_back = split_poses(poses, min(POSES, poses * 2 // 3), min(KEPT_BACK, poses // 3), seed=0)
                 found = select(space, fitted, kept_back, Recipe(Goal(TOLERANCE, MOST), threads=1)).fit
                 sizes = tuple(round(share * len(found.best.points)) for share in LINEAR_SHARES)
                 return [found.best, *_virtual(space, found.ladder, recorded, sizes)]
