@@ -27,7 +27,7 @@ from ldsim.threads import in_threads
 Array = NDArray[np.float64]
 
 # Of the cubature: relative force error on so many poses, and most points.
-ERROR, POSES, MAX_POINTS = 0.05, 300, 1000
+ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
 # Steps stop at ‖∇E‖ ≤ this · max(‖q‖, 1), N.
 TOLERANCE = 1e-4
 
@@ -43,7 +43,9 @@ def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int, progress: Pro
     poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
     metric = rest_compliance(reduced_rest_stiffness(scene, U), linear, q[:1])
     found = fit(
-        ProjectedForces(scene, U, linear, q[poses], metric=metric), Goal(ERROR, MAX_POINTS), progress=progress
+        ProjectedForces(scene, U, linear, q[poses], metric=metric, threads=0),
+        Goal(ERROR, MAX_POINTS),
+        progress=progress,
     ).best
     return ReducedStepper(scene, U, linear, found, tolerance=TOLERANCE)
 
