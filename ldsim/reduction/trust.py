@@ -82,8 +82,8 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
 
     A held-out pose is badly decoded when the error of its nearest code, relative to the spread of the training
     coordinates, is twice what 95 % of the training poses stay below. The threshold is the score that tells such poses
-    from the others best (the largest difference of the two shares, Youden 1950). Without held-out poses, or where all
-    are of one kind, it is 2: twice as far as 99 % of the training poses.
+    from the others best (the largest difference of the two shares, Youden 1950), but never below 1, where the training
+    poses are. Without held-out poses, or where all are of one kind, it is 2: twice as far as 99 % of those.
 
     Args:
         q, unseen: coordinates of the training and the held-out snapshots, (N, k); unseen may be empty.
@@ -100,7 +100,8 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
     guesses = encoder(poses)
     codes = np.array([nearest_latent(decoder, a, b) for a, b in zip(poses, guesses, strict=True)])
     bad = np.linalg.norm(decoder(codes) - poses, axis=1) > FACTOR * well
-    return Trust(trust.landmarks, trust.reach, _separating(trust(codes), bad, trust.threshold))
+    threshold = _separating(trust(codes), bad, trust.threshold)
+    return Trust(trust.landmarks, trust.reach, max(threshold, 1.0))
 
 
 def _spread(points: Array, most: int) -> Array:

@@ -58,6 +58,17 @@ def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> No
     assert trust(good).max() < trust.threshold <= trust(far).min()
 
 
+def test_codes_like_the_training_ones_are_not_warned_of_even_where_near_poses_are_badly_decoded() -> None:
+    rng = np.random.default_rng(3)
+    z = rng.normal(size=(500, 2))
+    noise = 1e-3 * rng.normal(size=(500, 6))
+    off = 0.1 * np.linalg.svd(MATRIX)[0][:, 5]
+    unseen = np.vstack([z[:50] @ MATRIX.T, rng.normal(size=(50, 2)) @ MATRIX.T + off])
+    trust = fit_trust(*plane(), z @ MATRIX.T + noise, unseen)
+    assert trust.threshold == 1.0
+    assert (trust(z) > trust.threshold).mean() <= 0.011
+
+
 @pytest.mark.parametrize(("times", "told"), [(1.9, False), (2.1, True)])
 def test_a_pose_is_badly_decoded_from_twice_the_usual_error_on(times: float, told: bool) -> None:
     rng, usual = np.random.default_rng(3), 1e-3 * np.linalg.svd(MATRIX)[0][:, 5]
