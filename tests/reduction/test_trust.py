@@ -66,7 +66,7 @@ def test_codes_like_the_training_ones_are_not_warned_of_even_where_near_poses_ar
     unseen = np.vstack([z[:50] @ MATRIX.T, rng.normal(size=(50, 2)) @ MATRIX.T + off])
     trust = fit_trust(*plane(), z @ MATRIX.T + noise, unseen)
     assert trust.threshold == 1.0
-    assert (trust(z) > trust.threshold).mean() <= 0.011
+    assert (trust(z) > trust.threshold).mean() < 0.02
 
 
 @pytest.mark.parametrize(("times", "told"), [(1.9, False), (2.1, True)])
