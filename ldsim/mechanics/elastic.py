@@ -6,7 +6,6 @@ Serial and on scalars: two 3×3 temporaries inside the loop cost a factor of six
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +13,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ldsim.mechanics.kernel import kernel
-from ldsim.mechanics.materials import energy, energy_stress, tangent, weighted_stresses
+from ldsim.mechanics.materials import energy, energy_stress, tangent
 from ldsim.mechanics.materials.tensors import Matrix, determinant, signed_svd
 
 Array = NDArray[np.float64]
-
-# Points whose stresses are computed together, in vectors.
-BLOCK = 32
 
 
 class Elements(NamedTuple):
@@ -38,30 +34,23 @@ class Elements(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def displacement_gradient(nodes: NDArray[np.int32], gradients: Array, s: int, u: Array) -> Matrix:
-    """F_s − I = Σ_a u_a ⊗ ∇N_a at point s; u is (n, 3)."""
-    h00, h01, h02, h10, h11, h12, h20, h21, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+def deformation_gradient(nodes: NDArray[np.int32], gradients: Array, s: int, u: Array) -> Matrix:
+    """F_s = I + Σ_a u_a ⊗ ∇N_a at point s; u is (n, 3)."""
+    f00, f01, f02, f10, f11, f12, f20, f21, f22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     for a in range(nodes.shape[1]):
         v = nodes[s, a]
         x, y, z = u[v, 0], u[v, 1], u[v, 2]
         g0, g1, g2 = gradients[s, a, 0], gradients[s, a, 1], gradients[s, a, 2]
-        h00 += x * g0
-        h01 += x * g1
-        h02 += x * g2
-        h10 += y * g0
-        h11 += y * g1
-        h12 += y * g2
-        h20 += z * g0
-        h21 += z * g1
-        h22 += z * g2
-    return h00, h01, h02, h10, h11, h12, h20, h21, h22
-
-
-@njit(cache=True, inline="always")
-def deformation_gradient(nodes: NDArray[np.int32], gradients: Array, s: int, u: Array) -> Matrix:
-    """F_s = I + Σ_a u_a ⊗ ∇N_a at point s; u is (n, 3)."""
-    H = displacement_gradient(nodes, gradients, s, u)
-    return 1.0 + H[0], H[1], H[2], H[3], 1.0 + H[4], H[5], H[6], H[7], 1.0 + H[8]
+        f00 += x * g0
+        f01 += x * g1
+        f02 += x * g2
+        f10 += y * g0
+        f11 += y * g1
+        f12 += y * g2
+        f20 += z * g0
+        f21 += z * g1
+        f22 += z * g2
+    return f00, f01, f02, f10, f11, f12, f20, f21, f22
 
 
 @njit(cache=True, nogil=True)
@@ -74,39 +63,25 @@ def elastic_energy(elements: Elements, u: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
-def add_elastic_gradient(elements: Elements, u: Array, gradient: Array) -> float:
-    """Adds ∂V/∂u, N, to `gradient` (n, 3) and returns V(u), J; stops at the first block of infinite energy."""
-    points = elements.weights.shape[0]
-    whole = points - points % BLOCK
-    value = _add_gradient(elements, u, 0, whole, np.empty((9, BLOCK)), gradient)
-    return value + _add_gradient(elements, u, whole, points, np.empty((9, points - whole)), gradient)
-
-
 @kernel()
-def _add_gradient(elements: Elements, u: Array, start: int, stop: int, stress: Array, gradient: Array) -> float:
-    """The same for some points, as many at once as `stress` (9, b) has columns."""
-    total, count = 0.0, stress.shape[1]
-    for first in range(start, stop, max(count, 1)):
-        end = first + count
-        for i in range(count):
-            H = displacement_gradient(elements.nodes, elements.gradients, first + i, u)
-            for j in range(9):
-                stress[j, i] = H[j]
-        kind, mu, lam = elements.kind[first:end], elements.mu[first:end], elements.lam[first:end]
-        value = weighted_stresses(kind, stress, elements.weights[first:end], mu, lam)
-        if value == math.inf:
-            return value
-        total += value
-        for i in range(count):
-            for a in range(elements.nodes.shape[1]):
-                v = elements.nodes[first + i, a]
-                g0 = elements.gradients[first + i, a, 0]
-                g1 = elements.gradients[first + i, a, 1]
-                g2 = elements.gradients[first + i, a, 2]
-                gradient[v, 0] += stress[0, i] * g0 + stress[1, i] * g1 + stress[2, i] * g2
-                gradient[v, 1] += stress[3, i] * g0 + stress[4, i] * g1 + stress[5, i] * g2
-                gradient[v, 2] += stress[6, i] * g0 + stress[7, i] * g1 + stress[8, i] * g2
+def add_elastic_gradient(elements: Elements, u: Array, gradient: Array) -> float:
+    """Adds ∂V/∂u, N, to `gradient` (n, 3) and returns V(u), J; stops at the first infinite density."""
+    total = 0.0
+    for s in range(elements.weights.shape[0]):
+        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
+        density, P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        if density == np.inf:
+            return density
+        w = elements.weights[s]
+        total += w * density
+        for a in range(elements.nodes.shape[1]):
+            v = elements.nodes[s, a]
+            g0 = w * elements.gradients[s, a, 0]
+            g1 = w * elements.gradients[s, a, 1]
+            g2 = w * elements.gradients[s, a, 2]
+            gradient[v, 0] += P[0] * g0 + P[1] * g1 + P[2] * g2
+            gradient[v, 1] += P[3] * g0 + P[4] * g1 + P[5] * g2
+            gradient[v, 2] += P[6] * g0 + P[7] * g1 + P[8] * g2
     return total
 
 
