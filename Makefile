@@ -66,7 +66,7 @@ demo: ## the embedded demo through all stages
 	@$(MAKE) --no-print-directory EXPERIMENT=demo report
 
 paper: $(ENVIRONMENT) ## the paper's tables and figures: NAME=all or fig9, QUICK=yes for small ones
-	$(LDSIM) paper $(NAME) --runs $(RUNS) $(if $(QUICK),--quick)
+	$(VENV)/bin/python -m reproduction.paper.command $(NAME) --runs $(RUNS) $(if $(QUICK),--quick)
 
 settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
 	@$(LDSIM) settings $(CONFIG)

@@ -13,8 +13,8 @@ from typing import Any
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.artefacts.store import HEADER
 from ldsim.cli.stage import FILES
+from ldsim.optimise.solution import Reason
 from ldsim.settings import DATA_VARIABLE, STAGES, Settings
-from ldsim.solvers.solution import Reason
 
 HERE = Path(__file__).parent
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"

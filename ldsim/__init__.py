@@ -5,11 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from ldsim.compiled import use_kernel_cache
-
 __version__ = "0.1.0"
-
-use_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:

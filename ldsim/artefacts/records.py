@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.store import Header, read_header, reading, write
+from ldsim.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
-from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.pca import Basis
-from ldsim.reduction.trust import Trust
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.novelty import Trust
+from ldsim.space.pca import Basis
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import click
 from ldsim import __version__
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import ExportError
-from ldsim.evaluation.compare_figures import figures
-from ldsim.evaluation.compare_page import render_comparison
-from ldsim.evaluation.compare_runs import Reported, comparison, read_runs
+from ldsim.report.compare_figures import figures
+from ldsim.report.compare_page import render_comparison
+from ldsim.report.compare_runs import Reported, comparison, read_runs
 
 
 @click.command("compare", help="Put finished RUNs, such as runs/x runs/beam, side by side on one page.")

@@ -14,20 +14,20 @@ from scipy.sparse import csr_array
 from ldsim.artefacts.records import StoredCubature, StoredModel, read_basis, read_model, read_scene, write_cubature
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.dynamics.reduced_model import reduced_rest_stiffness
-from ldsim.evaluation.comparison import ReducedSpace, windowed_error
+from ldsim.cubature.goal import Goal
+from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
+from ldsim.cubature.virtual import Judge, VirtualRecipe, select_virtual
+from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.jit import one_thread
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.goal import Goal
-from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
-from ldsim.reduction.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
-from ldsim.reduction.cubature.virtual import Judge, VirtualRecipe, select_virtual
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.lifting import Lifting
-from ldsim.reduction.pca import inner_product
-from ldsim.reduction.reconstruction import all_coordinates
+from ldsim.pipeline.comparison import ReducedSpace, windowed_error
 from ldsim.settings import CubatureSettings
-from ldsim.threads import one_thread
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.lifting import Lifting
+from ldsim.space.pca import inner_product
+from ldsim.space.projection import all_coordinates
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import click
 from ldsim import __version__
 from ldsim.export.formats import FORMATS, Choice, export
 from ldsim.export.source import SPACES, Source
-from ldsim.threads import one_thread
+from ldsim.jit import one_thread
 
 EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, entry in FORMATS.items())
 

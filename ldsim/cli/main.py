@@ -24,7 +24,6 @@ COMMANDS = {
     "play": "Pull a finished run in the browser.",
     "record": "Pull a coarse mesh in the browser and record a motion.",
     "export": "Write a run's motion or model for other programs.",
-    "paper": "Make the paper's tables and figures again.",
     "info": "Print an artefact's header and contents.",
     "settings": "Check a configuration and print it with defaults.",
 }

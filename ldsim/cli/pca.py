@@ -5,8 +5,8 @@ from __future__ import annotations
 from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.reduction.lifting import Lifting
-from ldsim.reduction.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product
+from ldsim.space.lifting import Lifting
+from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product
 
 
 @stage_command("pca", "Find the linear basis by the max-vertex-error rule or for a given k.")

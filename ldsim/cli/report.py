@@ -10,9 +10,9 @@ from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, peak_memory_mb, progress_bar, stage_command
-from ldsim.evaluation.finished_run import FinishedRun
-from ldsim.evaluation.report import Wanted, build_report, write_report
-from ldsim.threads import one_thread
+from ldsim.jit import one_thread
+from ldsim.report.finished_run import FinishedRun
+from ldsim.report.report import Wanted, build_report, write_report
 
 # What each artefact is checked against: with the scene, a chain from the last stage to the first, so that the large
 # files are hashed once.

@@ -9,7 +9,7 @@ import webbrowser
 
 import click
 
-from ldsim.threads import one_thread
+from ldsim.jit import one_thread
 from ldsim.viewer.server import Server
 
 port_option = click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any that is free.")

@@ -11,18 +11,18 @@ from ldsim.artefacts.records import StoredCubature, read_basis, read_cubature, r
 from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.cubature.ladder import CubatureSet
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
-from ldsim.evaluation.comparison import Options, ReducedSpace, compare_motion
+from ldsim.jit import one_thread
 from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import properties_of, with_properties
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.pca import inner_product
-from ldsim.reduction.trust import Trust
-from ldsim.solvers.solution import Reason
-from ldsim.threads import one_thread
+from ldsim.optimise.solution import Reason
+from ldsim.pipeline.comparison import Options, ReducedSpace, compare_motion
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.novelty import Trust
+from ldsim.space.pca import inner_product
 
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")

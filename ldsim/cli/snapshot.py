@@ -8,8 +8,8 @@ from ldsim.artefacts.partial import MotionStore, write_snapshots
 from ldsim.artefacts.records import read_scene
 from ldsim.cli.motions import motion
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.dynamics.linear_choice import choose
-from ldsim.ensemble import SolverOptions, run_motions
+from ldsim.dynamics.full.linear_choice import choose
+from ldsim.pipeline.ensemble import SolverOptions, run_motions
 
 SCHEDULER = click.Option(
     ["--scheduler"],

@@ -18,17 +18,17 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.cli.motions import pulls
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.dynamics.rehearsal import rehearsal_stepper, rehearse
+from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
+from ldsim.jit import one_thread
+from ldsim.learn import Forces, Trained, TrainingOptions, train, train_ordered
+from ldsim.learn.equilibrium import spread_forces
+from ldsim.learn.search import search
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.autoencoder import Forces, Trained, TrainingOptions, train, train_ordered
-from ldsim.reduction.latent_search import search
-from ldsim.reduction.lifting import Lifting
-from ldsim.reduction.pca import Chunks, inner_product
-from ldsim.reduction.pose_stiffness import spread_forces
-from ldsim.reduction.reconstruction import all_coordinates, matching_dimension, reconstruction_error
-from ldsim.reduction.trust import fit_trust
 from ldsim.settings import TrainSettings
-from ldsim.threads import one_thread
+from ldsim.space.lifting import Lifting
+from ldsim.space.novelty import fit_trust
+from ldsim.space.pca import Chunks, inner_product
+from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
 
 # Pulls of a rehearsal that are run one after another; then the solid is at rest again.
 PULLS_TOGETHER = 10

@@ -9,11 +9,11 @@ from typing import Generic, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.full import FullState, FullStepper
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
-from ldsim.solvers.solution import Solution
+from ldsim.optimise.solution import Solution
 
 Array = NDArray[np.float64]
 S = TypeVar("S", FullState, ReducedState)

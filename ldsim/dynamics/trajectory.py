@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.solvers.solution import Reason
+from ldsim.optimise.solution import Reason
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

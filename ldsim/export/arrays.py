@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced_model import reduced_mass, reduced_rest_stiffness
+from ldsim.dynamics.reduced.stepper import reduced_mass, reduced_rest_stiffness
 from ldsim.export.source import ReducedSpace, Source, surface_of
 from ldsim.mechanics.scene import Scene
 

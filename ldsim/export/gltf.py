@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ldsim.evaluation.camera import upright
-from ldsim.evaluation.drawing import CLAY
 from ldsim.export.source import Playback, surface_of
+from ldsim.report.camera import upright
+from ldsim.report.drawing import CLAY
 
 Array = NDArray[np.float64]
 

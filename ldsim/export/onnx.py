@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.export.source import Source
-from ldsim.reduction.activation import ACTIVATIONS
+from ldsim.space.activation import ACTIVATIONS
 
 Array = NDArray[np.float64]
 

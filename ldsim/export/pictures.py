@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ldsim.evaluation.camera import look_at_broadside, upright
-from ldsim.evaluation.drawing import Picture, moving_pictures, on_white, webp
 from ldsim.export.source import Playback
 from ldsim.mesh.surface import surface_triangles
+from ldsim.report.camera import look_at_broadside, upright
+from ldsim.report.drawing import Picture, moving_pictures, on_white, webp
 
 WEBP_RATE, VIDEO_RATE = 25.0, 30.0
 WEBP_WIDTH, VIDEO_WIDTH = 480, 960

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.evaluation import scripts
-from ldsim.evaluation.camera import look_at_broadside, upright
 from ldsim.export.arrays import model_arrays, safetensors
 from ldsim.export.source import Source
+from ldsim.report import scripts
+from ldsim.report.camera import look_at_broadside, upright
 
 # The step and what it needs, in the order in which later files use earlier ones; node runs these alone in the tests.
 PHYSICS = (

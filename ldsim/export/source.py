@@ -14,14 +14,14 @@ from ldsim.artefacts.records import StoredModel, read_basis, read_cubature, read
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import Header, check_inputs
+from ldsim.cubature.ladder import CubatureSet
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import surface_triangles, surface_vertices
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.lifting import Lifting
+from ldsim.space.decoder import Decoder
+from ldsim.space.lifting import Lifting
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.mechanics.kernel import kernel
+from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials import energy, energy_stress, tangent
 from ldsim.mechanics.materials.tensors import Matrix, determinant, signed_svd
 

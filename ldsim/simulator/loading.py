@@ -18,13 +18,13 @@ from ldsim.artefacts.records import (
     read_scene,
 )
 from ldsim.artefacts.store import check_inputs
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.dynamics.spaces import FullDynamics, ReducedDynamics
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.trust import Trust
 from ldsim.simulator.simulator import Simulator
+from ldsim.space.decoder import Decoder
+from ldsim.space.novelty import Trust
 
 Array = NDArray[np.float64]
 

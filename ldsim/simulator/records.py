@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_triangles
-from ldsim.solvers.solution import Reason
+from ldsim.optimise.solution import Reason
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from ldsim.dynamics.spaces import Dynamics
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.motion import Drag, Grab, held_vertices, usual_grip
 from ldsim.mechanics.scene import Scene
+from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
-from ldsim.solvers.solution import Reason, Solution
 
 Array = NDArray[np.float64]
 

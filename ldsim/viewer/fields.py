@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
 from ldsim.mechanics.materials import energy_stress
 from ldsim.mechanics.materials.tensors import determinant

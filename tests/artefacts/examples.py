@@ -26,15 +26,15 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
+from ldsim.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.pca import Basis
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.pca import Basis
 
 Array = NDArray[np.float64]
 

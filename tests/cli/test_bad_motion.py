@@ -83,7 +83,7 @@ def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
 
 
 def test_a_factor_larger_than_the_memory(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldsim.dynamics.linear_choice.physical_memory", lambda: 1000.0)
+    monkeypatch.setattr("ldsim.dynamics.full.linear_choice.physical_memory", lambda: 1000.0)
     experiment.configure(TINY | {"snapshot": TINY["snapshot"] | {"linear_solver": "direct"}})
     message = refusal(experiment, "snapshot")
     assert "snapshot.linear_solver is direct" in message and "use multigrid or fewer workers" in message

@@ -18,7 +18,7 @@ ALL = [*COMMANDS, "info", "settings"]
 
 
 def test_all_commands_are_listed_in_the_order_they_run() -> None:
-    assert list(KNOWN) == [*STAGES, "compare", "play", "record", "export", "paper", "info", "settings"]
+    assert list(KNOWN) == [*STAGES, "compare", "play", "record", "export", "info", "settings"]
     text = CliRunner().invoke(main, ["-h"]).stdout
     places = [text.index(f"  {name} ") for name in KNOWN]
     assert places == sorted(places)

@@ -10,8 +10,8 @@ from click.testing import CliRunner, Result
 
 from ldsim.cli.main import main
 from tests.cli.experiments import refused
-from tests.evaluation.example_report import example_report
-from tests.evaluation.test_page import Outline
+from tests.report.example_report import example_report
+from tests.report.test_page import Outline
 
 
 @pytest.fixture

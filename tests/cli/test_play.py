@@ -18,7 +18,7 @@ from ldsim.cli.made_up import made_up
 from ldsim.cli.main import main
 from ldsim.settings import load_settings, resolve_path
 from tests.cli.experiments import TINY, refused
-from tests.evaluation.small_run import write_run
+from tests.report.small_run import write_run
 from tests.simulator.playable import write_playable
 
 ONE = (

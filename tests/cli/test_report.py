@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from ldsim.cli.main import main
-from ldsim.evaluation.report_schema import check_report
-from tests.evaluation.small_run import CONFIG, FRAMES, NAME, write_run
+from ldsim.report.report_schema import check_report
+from tests.report.small_run import CONFIG, FRAMES, NAME, write_run
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +61,11 @@ def test_a_second_report_replaces_the_first(root):
 
 
 def crash_while_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldsim.evaluation.report.render_page", _raise)
+    monkeypatch.setattr("ldsim.report.report.render_page", _raise)
 
 
 def crash_while_writing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldsim.evaluation.report.json.dumps", _raise)
+    monkeypatch.setattr("ldsim.report.report.json.dumps", _raise)
 
 
 def crash_while_replacing(monkeypatch: pytest.MonkeyPatch) -> None:

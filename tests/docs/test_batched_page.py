@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.evaluation.small_run import write_run
+from tests.report.small_run import write_run
 
 PAGE = Path(__file__).parents[2] / "docs" / "batched.md"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ldsim.export.source import Source
-from tests.evaluation.small_run import write_run
+from tests.report.small_run import write_run
 
 
 @pytest.fixture(scope="session")

@@ -72,7 +72,7 @@ def test_no_folder_is_no_run(tmp_path: Path) -> None:
 
 
 def test_a_run_that_diverged_is_exported_up_to_there(tmp_path: Path) -> None:
-    from tests.evaluation.small_run import LOST_FROM, write_run
+    from tests.report.small_run import LOST_FROM, write_run
 
     write_run(tmp_path, lost=("latent", "push"))
     playback = Source(tmp_path).playback("push", "latent")

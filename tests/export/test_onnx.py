@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ldsim.export.onnx import write_onnx
-from ldsim.reduction.activation import ACTIVATIONS
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
+from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
 
 K, R, HIDDEN = 7, 3, 5
 

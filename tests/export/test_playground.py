@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.playground import write_playground
 from ldsim.export.source import Source, surface_of
 from ldsim.mechanics.motion import Grab

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.cubature.ladder import CubatureSet
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.arrays import safetensors, space_arrays
 from ldsim.export.source import ReducedSpace
 from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.activation import ACTIVATIONS
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.pca import inner_product, orthonormalised
+from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.decoder import Decoder
+from ldsim.space.pca import inner_product, orthonormalised
 from tests.export.javascript import needs_node, run_javascript
 from tests.helpers import bent, scene
 

@@ -7,7 +7,7 @@ import pytest
 from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
-from ldsim.mechanics.kernel import copy, kernel
+from ldsim.jit import copy, kernel
 
 
 def test_what_allocates_does_not_compile() -> None:

@@ -18,12 +18,12 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
+from ldsim.cubature.ladder import CubatureSet, VirtualSelection
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.ladder import CubatureSet, VirtualSelection
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.encoder import Encoder
-from ldsim.reduction.pca import Basis, inner_product, orthonormalised
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.pca import Basis, inner_product, orthonormalised
 from tests.helpers import scene
 
 Array = NDArray[np.float64]

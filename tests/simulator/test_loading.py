@@ -11,8 +11,8 @@ import pytest
 import ldsim
 from ldsim.artefacts.records import read_cubature, read_model, write_cubature, write_model, write_scene
 from ldsim.errors import ArtefactError
-from ldsim.reduction.trust import Trust
 from ldsim.simulator import load
+from ldsim.space.novelty import Trust
 from tests.simulator.playable import KP, K, R, header, solid, write_playable
 
 

@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.soak import soak
 from numpy.typing import NDArray
 
-from benchmarks.soak import soak
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.cubature.ladder import CubatureSet
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
+from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
-from ldsim.solvers.solution import Reason, Solution
+from ldsim.space.decoder import Decoder
 from tests.simulator.playable import curved_decoder, modes, solid
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.dynamics.full import FullState, FullStepper, run
+from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import GrabTracker
 from ldsim.mechanics.recording import read_recording

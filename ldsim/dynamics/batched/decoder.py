@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import elu
 
-from ldsim.reduction.activation import ACTIVATIONS
-from ldsim.reduction.decoder import Decoder
+from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.decoder import Decoder
 
 
 class Activation(NamedTuple):

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from ldsim.dynamics.batched.potential import BatchedModel, Conditions
-from ldsim.solvers.lbfgs import ARMIJO, MAX_BACKTRACKS, ROUNDOFF
-from ldsim.solvers.solution import Reason
+from ldsim.optimise.minimiser import ARMIJO, MAX_BACKTRACKS, ROUNDOFF
+from ldsim.optimise.solution import Reason
 
 RUNNING = -1
 # Values closer than this share are told apart by their slopes; for float64 as in `solvers.lbfgs`.

@@ -16,12 +16,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ldsim.cubature.ladder import CubatureSet
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import BY_NUMBER, Material
-from ldsim.dynamics.reduced_model import reduced_mass
+from ldsim.dynamics.reduced.stepper import reduced_mass
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
+from ldsim.space.decoder import Decoder
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ldsim.cubature.ladder import CubatureSet
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedModel, Conditions
-from ldsim.dynamics.reduced_model import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedState
 from ldsim.errors import SolverError
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
-from ldsim.solvers.solution import Reason
+from ldsim.optimise.solution import Reason
+from ldsim.space.decoder import Decoder
 
 Array = NDArray[np.float64]
 

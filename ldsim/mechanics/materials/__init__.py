@@ -12,10 +12,9 @@ import math
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from ldsim.mechanics.kernel import kernel
+from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials import fixed_corotated, linear, neo_hookean, st_venant_kirchhoff, stable_neo_hookean
 from ldsim.mechanics.materials.tensors import (
     Matrix,

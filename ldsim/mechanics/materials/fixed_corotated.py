@@ -6,8 +6,7 @@ stretches are signed: the smallest is negative where the solid is inverted.
 
 from __future__ import annotations
 
-from numba import njit
-
+from ldsim.jit import njit
 from ldsim.mechanics.materials.tensors import Matrix, Principal, cofactor, determinant, signed_svd
 
 

@@ -6,8 +6,7 @@ in this package has a branch of its own for it. Source: Bonet and Wood 2008, Sec
 
 from __future__ import annotations
 
-from numba import njit
-
+from ldsim.jit import njit
 from ldsim.mechanics.materials.tensors import Matrix, Principal
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ldsim.jit import njit
 from ldsim.mechanics.materials.tensors import (
     Matrix,
     Principal,

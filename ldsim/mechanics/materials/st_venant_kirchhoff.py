@@ -5,8 +5,7 @@ Source: Bonet and Wood 2008, "Nonlinear Continuum Mechanics for Finite Element A
 
 from __future__ import annotations
 
-from numba import njit
-
+from ldsim.jit import njit
 from ldsim.mechanics.materials.tensors import Matrix, Principal, Symmetric
 
 

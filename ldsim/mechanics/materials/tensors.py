@@ -6,7 +6,8 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
+
+from ldsim.jit import njit
 
 Matrix: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 Principal: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]

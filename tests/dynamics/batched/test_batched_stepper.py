@@ -12,18 +12,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ldsim.cubature.ladder import CubatureSet
 from ldsim.dynamics.batched import BatchedState, BatchedStepper, Conditions
 from ldsim.dynamics.batched.newton import newton_direction
-from ldsim.dynamics.reduced_model import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.errors import SolverError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.reduction.cubature.ladder import CubatureSet
-from ldsim.reduction.decoder import Decoder
-from ldsim.reduction.pca import inner_product, orthonormalised
-from ldsim.solvers.solution import Reason
+from ldsim.optimise.solution import Reason
+from ldsim.space.decoder import Decoder
+from ldsim.space.pca import inner_product, orthonormalised
 from tests.helpers import derivative_order, scene
 
 Array = NDArray[np.float64]

@@ -1,0 +1,201 @@
+"""The least-squares system of cubature, and the few of its columns at work in one round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.cubature.nnls import losses_without, nnls, solve_on_support
+from ldsim.cubature.rows import Rows
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Rows of forces, any others beside them, and one more, which asks that the weights sum to the volume.
+
+    A multiplier x_s of point s has the row entry v ‖target‖ w_s / Σ w and the row the value v ‖target‖: without it, few
+    points that fit the forces may weigh much less than the solid, and be soft in every direction not trained on.
+
+    Attributes:
+        forces: their error is the one that a tolerance is for.
+        volume_weight: v.
+        others: more rows with the weight of each kind; their size is evened out with that of the forces.
+        candidates: the points that may be chosen, (c,); None for all.
+    """
+
+    forces: Rows
+    volume_weight: float
+    others: tuple[tuple[Rows, float], ...] = ()
+    candidates: Indices | None = None
+
+    @cached_property
+    def allowed(self) -> Indices:
+        """The points that may be chosen, (c,)."""
+        return np.arange(self.n_points) if self.candidates is None else self.candidates
+
+    @property
+    def n_points(self) -> int:
+        return self.forces.n_points
+
+    @cached_property
+    def force_norm(self) -> float:
+        return float(np.linalg.norm(self.forces.target))
+
+    @cached_property
+    def _factors(self) -> tuple[float, ...]:
+        """Makes the target of each of the others `weight` times as long as that of the forces."""
+        return tuple(weight * self.force_norm / float(np.linalg.norm(rows.target)) for rows, weight in self.others)
+
+    @cached_property
+    def volume_row(self) -> Array:
+        """(s,) float64."""
+        weights = self.forces.point_weights
+        row: Array = self.volume_weight * self.force_norm * weights / weights.sum()
+        return row
+
+    @cached_property
+    def target(self) -> Array:
+        """The forces' target, the others', and that of the volume, (rows,) float64."""
+        others = [factor * rows.target for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
+        return np.concatenate([self.forces.target, *others, [self.volume_weight * self.force_norm]])
+
+    def columns(self, points: Indices) -> Array:
+        """(rows, c) float64."""
+        others = [factor * rows.columns(points) for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
+        return np.vstack([self.forces.columns(points), *others, self.volume_row[points]])
+
+    def correlations(self, residual: Array) -> Array:
+        """Every allowed column times a residual (rows,); returns (s,) float64, −inf for points not allowed."""
+        first = len(self.forces.target)
+        correlations = self.forces.correlations(residual[:first])
+        for factor, (rows, _) in zip(self._factors, self.others, strict=True):
+            part = slice(first, first + len(rows.target))
+            correlations += factor * rows.correlations(residual[part])
+            first = part.stop
+        allowed = np.full(self.n_points, -np.inf)
+        allowed[self.allowed] = (correlations + residual[-1] * self.volume_row)[self.allowed]
+        return allowed
+
+    def error(self, residual: Array) -> float:
+        """Relative error of the forces alone."""
+        return float(np.linalg.norm(residual[: len(self.forces.target)])) / self.force_norm
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Some points, their columns and the multipliers x ≥ 0 of those chosen among them; the rest have x = 0.
+
+    Every method returns new candidates. Columns are of unit length, `norms` (m,) what they were divided by; x fits the
+    unit columns. gram (m, m) is their Gram matrix and residual (rows,) what is left of the target.
+    """
+
+    system: System
+    points: Indices
+    columns: Array
+    norms: Array
+    gram: Array
+    moments: Array
+    x: Array
+    residual: Array
+
+    @classmethod
+    def none(cls, system: System) -> Candidates:
+        nothing, rows = np.empty(0), len(system.target)
+        points = np.empty(0, dtype=np.int64)
+        columns, gram = np.empty((rows, 0)), np.empty((0, 0))
+        return cls(system, points, columns, nothing, gram, nothing, nothing, system.target)
+
+    @property
+    def size(self) -> int:
+        """The number of points chosen."""
+        return int((self.x > 0).sum())
+
+    @property
+    def error(self) -> float:
+        return self.system.error(self.residual)
+
+    @property
+    def multipliers(self) -> Array:
+        """Share of its full weight that each chosen point has, (c,) float64, in the order of `chosen`."""
+        positive = self.x > 0
+        return self.x[positive] / self.norms[positive]
+
+    @property
+    def chosen(self) -> Indices:
+        return self.points[self.x > 0]
+
+    def refreshed(self, count: int) -> Candidates:
+        """The chosen points and, as new company, the `count` others best correlated with the residual."""
+        correlations = self.system.correlations(self.residual)
+        correlations[self.chosen] = -np.inf
+        best = np.argsort(-correlations, kind="stable")[:count]
+        return self.among(best[correlations[best] > 0])
+
+    def among(self, others: Indices) -> Candidates:
+        """The chosen points and others as their new company."""
+        return self._only_chosen()._with_points(others)
+
+    def solved_on(self, points: Indices) -> Candidates:
+        """The non-negative solution on some points, whatever was chosen before."""
+        fresh = Candidates.none(self.system)._with_points(points)
+        x = nnls(fresh.gram, fresh.moments)
+        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
+
+    def given(self, points: Indices, multipliers: Array) -> Candidates:
+        """Points with multipliers that nothing was solved for."""
+        fresh = Candidates.none(self.system)._with_points(points)
+        x = multipliers * fresh.norms
+        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
+
+    def with_best(self) -> Candidates | None:
+        """With the candidate chosen whose unit column correlates best; None where no correlation is positive."""
+        gradient = self.residual @ self.columns
+        gradient[self.x > 0] = -np.inf
+        if len(gradient) == 0 or not gradient.max() > 0:
+            return None
+        support = self.x > 0
+        support[np.argmax(gradient)] = True
+        return self._solved(support)
+
+    def without_least(self) -> Candidates:
+        """Without the point whose leaving costs least."""
+        support = self.x > 0
+        support[np.argmin(losses_without(self.gram, self.x))] = False
+        return self._solved(support)
+
+    def _solved(self, support: NDArray[np.bool_]) -> Candidates:
+        x = solve_on_support(self.gram, self.moments, np.where(support, self.x, 0.0), support)
+        return replace(self, x=x, residual=self.system.target - self.columns @ x)
+
+    def _only_chosen(self) -> Candidates:
+        keep = np.flatnonzero(self.x > 0)
+        return replace(
+            self,
+            points=self.points[keep],
+            columns=self.columns[:, keep],
+            norms=self.norms[keep],
+            gram=self.gram[np.ix_(keep, keep)],
+            moments=self.moments[keep],
+            x=self.x[keep],
+        )
+
+    def _with_points(self, points: Indices) -> Candidates:
+        new = self.system.columns(points)
+        norms = np.linalg.norm(new, axis=0)
+        new /= norms
+        mixed = self.columns.T @ new
+        return replace(
+            self,
+            points=np.concatenate([self.points, points]),
+            columns=np.hstack([self.columns, new]),
+            norms=np.concatenate([self.norms, norms]),
+            gram=np.block([[self.gram, mixed], [mixed.T, new.T @ new]]),
+            moments=np.concatenate([self.moments, new.T @ self.system.target]),
+            x=np.concatenate([self.x, np.zeros(len(points))]),
+        )

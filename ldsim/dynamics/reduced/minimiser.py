@@ -1,0 +1,254 @@
+"""The reduced step, compiled: minimises the incremental potential with nothing of Python inside (paper, Sec. 5.2)."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, value_gradient
+from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
+from ldsim.jit import copy, kernel
+from ldsim.optimise.minimiser import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
+from ldsim.optimise.solution import Reason
+from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian
+
+Array = NDArray[np.float64]
+
+CONVERGED = int(Reason.CONVERGED)
+ITERATIONS_SPENT = int(Reason.ITERATIONS_SPENT)
+NO_DECREASE = int(Reason.NO_DECREASE)
+INFINITE_START = int(Reason.INFINITE_START)
+
+
+class Method(IntEnum):
+    """How the inverse Hessian H of the quasi-Newton direction −H ∇E comes about.
+
+    LBFGS: two-loop recursion of the last pairs around the preconditioner (paper, Sec. 5.2). BFGS: the preconditioner
+    itself is updated by every pair (Nocedal and Wright 2006, Eq. 6.17) and goes on from step to step. NEWTON: the
+    inverse of the tangent at every iterate, the decoder's second derivative dropped (Gauss–Newton in the latent space,
+    Newton in the linear one).
+    """
+
+    LBFGS = 0
+    BFGS = 1
+    NEWTON = 2
+
+
+LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
+
+
+class Options(NamedTuple):
+    """How to minimise.
+
+    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). method: a number of `Method`. current: precondition with the
+    tangent at a state of the motion, not at rest. renewal: iterations after which the preconditioner is renewed within
+    a step and the memory starts anew.
+    """
+
+    tolerance: float
+    max_iterations: int
+    method: int
+    current: bool
+    renewal: int
+
+
+@kernel()
+def _cholesky(A: Array) -> bool:
+    """Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace."""
+    r = A.shape[0]
+    trace = 0.0
+    for a in range(r):
+        trace += A[a, a]
+    floor = 1e-13 * trace
+    if not (trace > 0.0 and trace < math.inf):
+        return False
+    for a in range(r):
+        for b in range(a + 1):
+            total = A[a, b]
+            for j in range(b):
+                total -= A[a, j] * A[b, j]
+            if a == b:
+                A[a, a] = math.sqrt(max(total, floor))
+            else:
+                A[a, b] = total / A[b, b]
+    return True
+
+
+@kernel()
+def _solve_cholesky(L: Array, x: Array) -> None:
+    r = L.shape[0]
+    for a in range(r):
+        total = x[a]
+        for b in range(a):
+            total -= L[a, b] * x[b]
+        x[a] = total / L[a, a]
+    for a in range(r - 1, -1, -1):
+        total = x[a]
+        for b in range(a + 1, r):
+            total -= L[b, a] * x[b]
+        x[a] = total / L[a, a]
+
+
+@kernel()
+def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, H: Array, work: Work) -> None:
+    """H ← the inverse of the tangent at z or at rest; kept as it is where that has no factor."""
+    decode(model.layers, z, work.hidden, work.q)
+    if model.layers.sizes.shape[0] > 1:
+        decode_jacobian(model.layers, work.hidden, work.tangents, work.jacobian)
+    if options.current:
+        current_tangent(model, work)
+    else:
+        rest_metric(model, work)
+    add_spring_metric(springs, model, work)
+    if _cholesky(work.hessian):
+        for a in range(H.shape[0]):
+            H[a] = 0.0
+            H[a, a] = 1.0
+            _solve_cholesky(work.hessian, H[a])
+
+
+@kernel(fastmath=REASSOCIATE)
+def _multiply(H: Array, x: Array, out: Array) -> None:
+    """out = H x."""
+    for i in range(H.shape[0]):
+        total = 0.0
+        for j in range(H.shape[1]):
+            total += H[i, j] * x[j]
+        out[i] = total
+
+
+@kernel()
+def _direction(H: Array, newest: int, count: int, work: Work) -> float:
+    """Writes the quasi-Newton direction into work.d; returns its slope g·d."""
+    d, half = work.d, work.Hy
+    for i in range(d.shape[0]):
+        half[i] = -work.g[i]
+    backward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, half)
+    _multiply(H, half, d)
+    forward_loop(work.S, work.Y, work.rho, work.alpha, newest, count, d)
+    return inner(work.g, d)
+
+
+@kernel()
+def _search(
+    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
+) -> tuple[bool, float, int]:
+    """Line search from z along work.d into work.z_new, work.g_new; whether it succeeded, E there, evaluations."""
+    d, length = work.d, 1.0
+    for evaluations in range(1, MAX_BACKTRACKS + 1):
+        for i in range(z.shape[0]):
+            work.z_new[i] = z[i] + length * d[i]
+        f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
+        slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
+        if accepts(f, slope, length, f_new, slope_new):
+            return True, f_new, evaluations
+        length = next_step(f, slope, length, f_new, slope_new)
+        if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
+            return False, f, evaluations
+    return False, f, MAX_BACKTRACKS
+
+
+@kernel()
+def step(
+    model: Reduced,
+    springs: Springs,
+    predictor: Array,
+    start: Array,
+    z: Array,
+    H: Array,
+    renew: bool,
+    options: Options,
+    work: Work,
+) -> tuple[int, int, int, float, float]:
+    """One step of implicit Euler from q̂ = 2qₙ − qₙ₋₁ (paper, Eq. 12).
+
+    Args:
+        predictor: q̂, (k,).
+        start: the initial guess, (r,); where its energy is infinite, z is used instead.
+        z: zₙ on entry, zₙ₊₁ on return, (r,); φ(z) is left in work.q.
+        H: the preconditioner, an estimate of the inverse Hessian, (r, r); overwritten when it is renewed or updated.
+        renew: whether to renew it at the start of this step.
+
+    Returns:
+        iterations, evaluations, reason (`solvers.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
+        infinite energy unless it was given there.
+    """
+    g = work.g
+    evaluations = 1
+    f = value_gradient(model, springs, predictor, start, work, g)
+    if f < math.inf:
+        copy(start, z)
+    else:
+        f = value_gradient(model, springs, predictor, z, work, g)
+        evaluations += 1
+    if not f < math.inf:
+        return 0, evaluations, INFINITE_START, f, math.inf
+    newest, count, renewed_at = -1, 0, -1
+    for iteration in range(options.max_iterations):
+        norm = math.sqrt(inner(g, g))
+        if norm <= options.tolerance * max(math.sqrt(inner(z, z)), 1.0):
+            return iteration, evaluations, CONVERGED, f, norm
+        if renew or options.method == NEWTON or iteration - max(renewed_at, 0) >= options.renewal:
+            _precondition(model, springs, z, options, H, work)
+            renew, count, renewed_at = False, 0, iteration
+        slope = _direction(H, newest, count, work)
+        accepted, f_new, tried = False, f, 0
+        if slope < 0.0:
+            accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
+        evaluations += tried
+        if not accepted:
+            if renewed_at == iteration:
+                decode(model.layers, z, work.hidden, work.q)
+                return iteration, evaluations, NO_DECREASE, f, norm
+            renew = True
+            continue
+        if options.method == LBFGS:
+            newest, count = _remember(work, z, newest, count)
+        elif options.method != NEWTON:
+            _update(H, z, work)
+        copy(work.z_new, z)
+        copy(work.g_new, g)
+        f = f_new
+    return options.max_iterations, evaluations, ITERATIONS_SPENT, f, math.sqrt(inner(g, g))
+
+
+@kernel()
+def _remember(work: Work, z: Array, newest: int, count: int) -> tuple[int, int]:
+    """Store the pair (s, y) if its curvature is safely positive; returns the ring's newest and count."""
+    slot = (newest + 1) % work.S.shape[0]
+    s, y = work.S[slot], work.Y[slot]
+    curvature = _pair(z, s, y, work)
+    if curvature <= 0.0:
+        # The oldest pair is spoilt: a full ring forgets it.
+        return newest, min(count, work.S.shape[0] - 1)
+    work.rho[slot] = 1.0 / curvature
+    return slot, min(count + 1, work.S.shape[0])
+
+
+@kernel()
+def _update(H: Array, z: Array, work: Work) -> None:
+    """H ← (1 − s yᵀ/sy) H (1 − y sᵀ/sy) + s sᵀ/sy, if the curvature sy of the last pair is safely positive."""
+    s, y, Hy = work.S[0], work.Y[0], work.Hy
+    sy = _pair(z, s, y, work)
+    if sy <= 0.0:
+        return
+    _multiply(H, y, Hy)
+    scale = (1.0 + inner(y, Hy) / sy) / sy
+    for i in range(s.shape[0]):
+        a, b = scale * s[i] - Hy[i] / sy, s[i] / sy
+        for j in range(s.shape[0]):
+            H[i, j] += a * s[j] - b * Hy[j]
+
+
+@kernel()
+def _pair(z: Array, s: Array, y: Array, work: Work) -> float:
+    """Writes s = z_new − z and y = g_new − g; returns s·y, or 0 where it is not safely positive."""
+    for i in range(z.shape[0]):
+        s[i] = work.z_new[i] - z[i]
+        y[i] = work.g_new[i] - work.g[i]
+    sy = inner(s, y)
+    return sy if sy > 1e-14 * math.sqrt(inner(s, s) * inner(y, y)) else 0.0

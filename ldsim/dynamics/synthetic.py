@@ -1,0 +1,94 @@
+"""A motion run in the linear space of a whole basis: examples by the thousand where the full space makes a few.
+
+The basis holds far more motions than those it was made from; what an autoencoder learns is which of its poses belong
+together, and that takes many. A step in k coordinates with a cubature takes about a millisecond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.cubature.fit import fit
+from ldsim.cubature.forces import ProjectedForces
+from ldsim.cubature.goal import Goal
+from ldsim.cubature.ladder import Progress
+from ldsim.cubature.metric import rest_compliance
+from ldsim.cubature.selection import split_poses
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper, reduced_rest_stiffness
+from ldsim.jit import in_threads
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.space.decoder import Decoder
+
+Array = NDArray[np.float64]
+
+# Of the cubature: relative force error on so many poses, and most points.
+ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
+# Steps stop at ‖∇E‖ ≤ this · max(‖q‖, 1), N.
+TOLERANCE = 1e-4
+
+
+def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int, progress: Progress | None = None) -> ReducedStepper:
+    """What steps a scene in the linear space of U, (3n, k), with a cubature fitted to snapshots q, (N, k).
+
+    Args:
+        seed: of the choice of snapshots.
+        progress: told the points and the relative error of each set of the fit.
+    """
+    linear = Decoder.identity(U.shape[1])
+    poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
+    metric = rest_compliance(reduced_rest_stiffness(scene, U), linear, q[:1])
+    found = fit(
+        ProjectedForces(scene, U, linear, q[poses], metric=metric, threads=0),
+        Goal(ERROR, MAX_POINTS),
+        progress=progress,
+    ).best
+    return ReducedStepper(scene, U, linear, found, tolerance=TOLERANCE)
+
+
+def rehearse(
+    stepper: ReducedStepper,
+    scene: Scene,
+    motion: Motion,
+    progress: Callable[[], object],
+    part: int | None = None,
+    threads: int = 0,
+) -> Array:
+    """Coordinates of the frames of a motion, (N, k) float64; of a part that is lost, the frames before.
+
+    Args:
+        motion: whose grabs and gravity are stepped, with all pins at rest.
+        progress: called after each frame.
+        part: frames that are run together; each part starts at rest. None for all of them.
+        threads: that share out the parts, 0 for one a core. The result does not depend on it.
+    """
+    lock = Lock()
+
+    def tell() -> None:
+        with lock:
+            progress()
+
+    length = part or motion.frames
+    parts = [range(start, min(start + length, motion.frames)) for start in range(0, motion.frames, length)]
+    found = in_threads(lambda frames: _run(stepper.twin(), scene, motion, frames, tell), parts, threads)
+    return np.concatenate([np.empty((0, stepper.decoder.k)), *found])
+
+
+def _run(stepper: ReducedStepper, scene: Scene, motion: Motion, frames: range, progress: Callable[[], object]) -> Array:
+    """Some frames of a motion from rest, (N, k); if the run is lost, those before."""
+    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
+    farthest = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
+    state = ReducedState.at_rest(stepper.decoder)
+    q = np.empty((len(frames), stepper.decoder.k))
+    for i, frame in enumerate(frames):
+        u = stepper.displacement(state) if tracker.needs_state(frame) else None
+        state, _ = stepper.step(state, tracker.grabs(frame, u), tracker.conditions(frame).gravity)
+        if not np.linalg.norm(state.q) < farthest:
+            return q[:i]
+        q[i] = state.q
+        progress()
+    return q

@@ -1,0 +1,136 @@
+"""The pair of perceptrons in torch, and how they become the arrays that the compiled step reads.
+
+ψ(q) = E(q) − E(0) and φ(z) = N(z) − N(0) + A z, so that rest maps to rest both ways, exactly, in every mode.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ldsim.learn.options import TrainingOptions
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+
+Array = NDArray[np.float64]
+
+ACTIVATIONS = {"elu": torch.nn.ELU, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "sigmoid": torch.nn.Sigmoid}
+
+
+def slope(activation: str, y: torch.Tensor) -> torch.Tensor:
+    """Derivative of an activation in terms of its value."""
+    if activation == "elu":
+        return torch.where(y > 0, torch.ones_like(y), y + 1)
+    if activation == "relu":
+        return (y > 0).to(y.dtype)
+    return 1 - y * y if activation == "tanh" else y * (1 - y)
+
+
+class Autoencoder(torch.nn.Module):
+    """Encoder and decoder. A variational encoder also writes the logarithms of r variances.
+
+    Args:
+        spread: root mean square of each coordinate, (k,). The decoder's outputs are multiplied by it: the last
+            coordinates are some thousand times smaller than the first, and a step that is the same for every weight
+            would drown them in noise.
+    """
+
+    zero_q: torch.Tensor
+    zero_z: torch.Tensor
+    spread: torch.Tensor
+
+    def __init__(self, r: int, spread: torch.Tensor, options: TrainingOptions) -> None:
+        super().__init__()
+        k = len(spread)
+        self.r = r
+        self.activation = options.activation
+        codes = 2 * r if options.variational else r
+        self.encoder = _perceptron([k, *reversed(options.hidden), codes], options.activation)
+        self.decoder = _perceptron([r, *options.hidden, k], options.activation)
+        self.skip = torch.nn.Linear(r, k, bias=False) if options.skip else None
+        if self.skip is not None:
+            torch.nn.init.eye_(self.skip.weight)
+        self.register_buffer("spread", spread)
+        self.register_buffer("zero_q", torch.zeros(1, k))
+        self.register_buffer("zero_z", torch.zeros(1, r))
+
+    def encode(self, q: torch.Tensor) -> torch.Tensor:
+        """ψ(q), (b, r); for a variational encoder the mean."""
+        codes: torch.Tensor = self.encoder(q) - self.encoder(self.zero_q)
+        return codes[:, : self.r]
+
+    def log_variance(self, q: torch.Tensor) -> torch.Tensor:
+        """Of a variational encoder, (b, r)."""
+        codes: torch.Tensor = self.encoder(q)
+        return codes[:, self.r :]
+
+    def decode(self, z: torch.Tensor) -> torch.Tensor:
+        """φ(z), (b, k)."""
+        decoded: torch.Tensor = (self.decoder(z) - self.decoder(self.zero_z)) * self.spread
+        if self.skip is not None:
+            decoded = decoded + self.skip(z)
+        return decoded
+
+    def forward(self, q: torch.Tensor) -> torch.Tensor:
+        return self.decode(self.encode(q))
+
+    def jacobian(self, z: torch.Tensor) -> torch.Tensor:
+        """∂φ/∂z of each row of z, (b, k, r), by the chain rule through the layers."""
+        tangents = torch.eye(self.r, dtype=z.dtype, device=z.device).expand(len(z), -1, -1)
+        value = z
+        for module in self.decoder:
+            value = module(value)
+            if isinstance(module, torch.nn.Linear):
+                tangents = tangents @ module.weight.T
+            else:
+                tangents = tangents * slope(self.activation, value)[:, None, :]
+        tangents = tangents * self.spread
+        if self.skip is not None:
+            tangents = tangents + self.skip.weight.T
+        return tangents.transpose(1, 2)
+
+
+def _perceptron(sizes: list[int], activation: str) -> torch.nn.Sequential:
+    modules: list[torch.nn.Module] = []
+    for i in range(len(sizes) - 1):
+        modules.append(torch.nn.Linear(sizes[i], sizes[i + 1]))
+        if i < len(sizes) - 2:
+            modules.append(ACTIVATIONS[activation]())
+    return torch.nn.Sequential(*modules)
+
+
+def layers(perceptron: torch.nn.Module) -> tuple[list[Array], list[Array]]:
+    """Weights (in, out) and biases (out,) of the linear layers, float64."""
+    linear = [module for module in perceptron.modules() if isinstance(module, torch.nn.Linear)]
+    weights = [layer.weight.detach().cpu().numpy().T.astype(np.float64) for layer in linear]
+    return weights, [layer.bias.detach().cpu().numpy().astype(np.float64) for layer in linear]
+
+
+def extract(model: Autoencoder, scale: float, q: Array, codes: int) -> tuple[Decoder, Encoder]:
+    """The networks of the leading codes in float64, scales folded in.
+
+    The latent space is turned and scaled so that JᵀJ averages to the identity over the coordinates q, (N, k). Lengths
+    and forces in z then mean what they mean in q, and one stop rule serves both spaces.
+    """
+    down, down_bias = layers(model.encoder)
+    up, up_bias = layers(model.decoder)
+    down[0] = down[0] / scale
+    down[-1], down_bias[-1], up[0] = down[-1][:, :codes], down_bias[-1][:codes], up[0][:codes]
+    spread = scale * model.spread.cpu().numpy().astype(np.float64)
+    up[-1], up_bias[-1] = up[-1] * spread, up_bias[-1] * spread
+    skip = None
+    if model.skip is not None:
+        skip = scale * model.skip.weight.detach().cpu().numpy().T[:codes].astype(np.float64)
+    encoder = Encoder(tuple(down), tuple(down_bias), model.activation)
+    decoder = Decoder.network(up, up_bias, model.activation, skip)
+    sample = encoder(q[:: max(len(q) // 200, 1)])
+    metric = np.mean([J.T @ J for J in map(decoder.jacobian, sample)], axis=0)
+    values, vectors = np.linalg.eigh(metric)
+    root = vectors * np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    inverse = np.linalg.inv(root)
+    # z' = rootᵀ z, so the decoder reads z = root⁻ᵀ z' and the encoder writes rootᵀ z
+    up[0] = inverse @ up[0]
+    down[-1], down_bias[-1] = down[-1] @ root, down_bias[-1] @ root
+    decoder = Decoder.network(up, up_bias, model.activation, None if skip is None else inverse @ skip)
+    return decoder, Encoder(tuple(down), tuple(down_bias), model.activation)

@@ -1,0 +1,231 @@
+"""How the factor of a sparse symmetric matrix will look, before any number is known: order, tree, supernodes.
+
+Everything here counts the nodes of a graph; each stands for a 3×3 block. Sources: Davis 2006, "Direct Methods for
+Sparse Linear Systems", Ch. 4; Ashcraft and Grimes 1989, "The influence of relaxed supernode partitions on the
+multifrontal method".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pymetis
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.jit import njit
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """The structure of a supernodal factor.
+
+    A supernode is a run of columns that share their rows. Its front consists of its columns, then its rows below them.
+
+    Attributes:
+        first: the first column of each supernode, and one past the last column of all, (p + 1,).
+        parent: the supernode that takes up each one's update, −1 for a root, (p,).
+        row_start: where the rows of each supernode begin in `rows`, (p + 1,).
+        rows: rows below the columns of each supernode, ascending, one supernode after another.
+        place: of each of these rows in the front of the parent.
+        entry_place: of each entry of the matrix in the front that takes it up; −1 above the diagonal.
+    """
+
+    first: Indices
+    parent: Indices
+    row_start: Indices
+    rows: Indices
+    place: Indices
+    entry_place: Indices
+
+    @property
+    def entries(self) -> int:
+        """Scalars that the factor holds, its explicit zeros included."""
+        columns = np.diff(self.first)
+        return int(9 * (columns * (columns + np.diff(self.row_start))).sum())
+
+
+def nested_dissection(graph: csr_array) -> Indices:
+    """A fill-reducing order of the nodes of a symmetric graph without diagonal, (f,) int64."""
+    if graph.shape[0] < 2 or graph.nnz == 0:
+        return np.arange(graph.shape[0], dtype=np.int64)
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    order, _ = pymetis.nested_dissection(adjacency)
+    return np.asarray(order, dtype=np.int64)
+
+
+def elimination_order(graph: csr_array) -> Indices:
+    """Nested dissection, rearranged so that each parent in the elimination tree follows its last child at once."""
+    order = nested_dissection(graph)
+    permuted = csr_array(graph[order][:, order])
+    parent = _tree(permuted.indptr.astype(np.int64), permuted.indices.astype(np.int64))
+    return order[_postorder(parent)]
+
+
+def eliminate(indptr: Indices, indices: Indices) -> Elimination:
+    """The structure of the factor of a symmetric pattern in elimination order, diagonal included, (f + 1,) and (b,)."""
+    parent = _tree(indptr, indices)
+    counts = _counts(indptr, indices, parent)
+    first = _supernodes(parent, counts)
+    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    above = parent[first[1:] - 1]
+    tree = np.where(above >= 0, owner[above], -1)
+    row_start = np.concatenate([[0], np.cumsum(counts[first[1:] - 1] - 1)])
+    rows = np.empty(row_start[-1], dtype=np.int64)
+    place, entry_place = np.empty_like(rows), np.full(len(indices), -1, dtype=np.int64)
+    _fill_rows(indptr, indices, first, tree, row_start, rows)
+    _fill_places(indptr, indices, first, tree, row_start, rows, place, entry_place)
+    return Elimination(first, tree, row_start, rows, place, entry_place)
+
+
+@njit(cache=True)
+def _tree(indptr: Indices, indices: Indices) -> Indices:
+    """The elimination tree: of each column the first row below the diagonal of the factor, −1 for a root."""
+    n = indptr.shape[0] - 1
+    parent, ancestor = np.full(n, -1), np.full(n, -1)
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            while j != -1 and j < i:
+                following = ancestor[j]
+                ancestor[j] = i
+                if following == -1:
+                    parent[j] = i
+                j = following
+    return parent
+
+
+@njit(cache=True)
+def _postorder(parent: Indices) -> Indices:
+    """The nodes of a forest, children before parents and every subtree in one run."""
+    n = parent.shape[0]
+    child, sibling = np.full(n, -1), np.full(n, -1)
+    for j in range(n - 1, -1, -1):
+        if parent[j] >= 0:
+            sibling[j] = child[parent[j]]
+            child[parent[j]] = j
+    order, stack = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    count = 0
+    for root in range(n):
+        if parent[root] >= 0:
+            continue
+        stack[0], height = root, 1
+        while height > 0:
+            j = stack[height - 1]
+            if child[j] >= 0:
+                stack[height], height = child[j], height + 1
+                child[j] = sibling[child[j]]
+            else:
+                order[count], count, height = j, count + 1, height - 1
+    return order
+
+
+@njit(cache=True)
+def _counts(indptr: Indices, indices: Indices, parent: Indices) -> Indices:
+    """Entries of each column of the factor, diagonal included: row i holds the paths from its entries up to i."""
+    n = parent.shape[0]
+    counts, seen = np.ones(n, dtype=np.int64), np.full(n, -1)
+    for i in range(n):
+        seen[i] = i
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            while j < i and seen[j] != i:
+                seen[j] = i
+                counts[j] += 1
+                j = parent[j]
+    return counts
+
+
+@njit(cache=True)
+def _worth_merging(columns: int, zeros: float, entries: float) -> bool:
+    """Few explicit zeros, or columns so few that a call costs more than the arithmetic."""
+    share = zeros / entries
+    return columns <= 4 or (columns <= 16 and share < 0.4) or (columns <= 48 and share < 0.1) or share < 0.05
+
+
+@njit(cache=True)
+def _supernodes(parent: Indices, counts: Indices) -> Indices:
+    """First columns of the supernodes and the number of columns; a last child is merged into its parent if worth it."""
+    n = parent.shape[0]
+    first, entries = np.empty(n + 1, dtype=np.int64), np.empty(n + 1)
+    p = 0
+    for j in range(n):
+        first[p], entries[p], p = j, float(counts[j]), p + 1
+        while p > 1 and parent[first[p - 1] - 1] >= first[p - 1]:
+            a, below = first[p - 2], counts[j] - 1
+            if parent[first[p - 1] - 1] > j:
+                break
+            columns = j + 1 - a
+            dense = columns * below + 0.5 * columns * (columns + 1)
+            true = entries[p - 2] + entries[p - 1]
+            if not _worth_merging(columns, dense - true, dense):
+                break
+            entries[p - 2], p = true, p - 1
+    first[p] = n
+    return first[: p + 1].copy()
+
+
+@njit(cache=True)
+def _fill_rows(
+    indptr: Indices, indices: Indices, first: Indices, tree: Indices, row_start: Indices, rows: Indices
+) -> None:
+    """Rows of each supernode: those of its entries and of its children, below its last column."""
+    n, supernodes = first[-1], first.shape[0] - 1
+    seen, filled = np.full(n, -1), row_start[:-1].copy()
+    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
+    for s in range(supernodes):
+        stop = first[s + 1]
+        for j in range(first[s], stop):
+            for k in range(indptr[j], indptr[j + 1]):
+                i = indices[k]
+                if i >= stop and seen[i] != s:
+                    seen[i], rows[filled[s]] = s, i
+                    filled[s] += 1
+        c = child[s]
+        while c >= 0:
+            for k in range(row_start[c], row_start[c + 1]):
+                i = rows[k]
+                if i >= stop and seen[i] != s:
+                    seen[i], rows[filled[s]] = s, i
+                    filled[s] += 1
+            c = sibling[c]
+        rows[row_start[s] : row_start[s + 1]].sort()
+        if tree[s] >= 0:
+            sibling[s], child[tree[s]] = child[tree[s]], s
+
+
+@njit(cache=True)
+def _fill_places(
+    indptr: Indices,
+    indices: Indices,
+    first: Indices,
+    tree: Indices,
+    row_start: Indices,
+    rows: Indices,
+    place: Indices,
+    entry_place: Indices,
+) -> None:
+    """Where rows and entries go in the fronts that take them up."""
+    supernodes = first.shape[0] - 1
+    position = np.empty(first[-1], dtype=np.int64)
+    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
+    for s in range(supernodes):
+        columns = first[s + 1] - first[s]
+        for j in range(columns):
+            position[first[s] + j] = j
+        for k in range(row_start[s], row_start[s + 1]):
+            position[rows[k]] = columns + k - row_start[s]
+        for j in range(first[s], first[s + 1]):
+            for k in range(indptr[j], indptr[j + 1]):
+                if indices[k] >= j:
+                    entry_place[k] = position[indices[k]]
+        c = child[s]
+        while c >= 0:
+            for k in range(row_start[c], row_start[c + 1]):
+                place[k] = position[rows[k]]
+            c = sibling[c]
+        if tree[s] >= 0:
+            sibling[s], child[tree[s]] = child[tree[s]], s

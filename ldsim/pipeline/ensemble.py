@@ -1,0 +1,178 @@
+"""Full-space runs of many motions, side by side, each resumable at the frame it had reached.
+
+Motions are independent, so each is a task of a Dask cluster, run with one thread. A task appends its frames to a file
+and replaces a checkpoint after each. Whoever is interrupted, or takes over from a worker that died, goes on from there
+and repeats an undisturbed run exactly, because the checkpoint holds all that the next step depends on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import socket
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
+from ldsim.artefacts.records import read_scene
+from ldsim.artefacts.snapshots import motion_arrays
+from ldsim.artefacts.store import file_hash
+from ldsim.dynamics.full.stepper import FullState, FullStepper, run
+from ldsim.errors import SolverError
+from ldsim.jit import one_thread
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.pipeline.cluster import executor, result
+
+POLL_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """Settings of the full-space solver, as `FullStepper` takes them."""
+
+    tolerance: float
+    factor_cost: int
+    max_iterations: int
+    method: str = "lbfgs"
+    linear_solver: str = "auto"
+    quasistatic: bool = False
+
+    def stepper(self, scene: Scene) -> FullStepper:
+        """A stepper with these settings."""
+        return FullStepper(
+            scene,
+            self.tolerance,
+            self.factor_cost,
+            self.max_iterations,
+            self.method,
+            self.linear_solver,
+            self.quasistatic,
+        )
+
+
+def run_motions(
+    scene_path: Path,
+    folder: Path,
+    motions: Sequence[Motion],
+    options: SolverOptions,
+    workers: int,
+    progress: Callable[[int, int], None],
+    scheduler: str | None = None,
+) -> None:
+    """Run every motion to its end, continuing what an earlier call had begun.
+
+    Args:
+        folder: where the partial files lie.
+        workers: processes on this machine, where no scheduler is given.
+        progress: called now and then with the frames done and the motions still to finish.
+        scheduler: address of a Dask scheduler whose workers see the files at the same paths.
+
+    Raises:
+        LdsimError: of the first motion that failed, or the scheduler cannot be reached; the others stop too, and the
+            frames of all are kept.
+    """
+    scene_path, folder = scene_path.resolve(), folder.resolve()
+    n_vertices = read_scene(scene_path)[0].mesh.n_vertices
+    stores = [MotionStore(folder, motion) for motion in motions]
+    longest_first = sorted(motions, key=lambda motion: -motion.frames)
+    with executor(min(workers, len(motions)), scheduler) as pool:
+        lease = Lease.taken(folder)
+        try:
+            pending: set[Future[None]] = {
+                pool.submit(run_motion, scene_path, lease, motion, options) for motion in longest_first
+            }
+            while pending:
+                done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+                progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(pending))
+                for future in done:
+                    result(future)
+        finally:
+            lease.given_back()
+
+
+def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOptions) -> None:
+    """Run one motion from rest or from its checkpoint to its end, in the process of a worker.
+
+    Raises:
+        SolverError: the worker does not see the folder of the run, or another run took it over.
+    """
+    if not lease.holds():
+        raise SolverError(
+            f"the worker on {socket.gethostname()} does not see {lease.folder} as it is here; all workers need the "
+            "folder of --runs at the same path, on a disk that they share"
+        )
+    store = MotionStore(lease.folder, motion)
+    with one_thread(), store.owned():
+        scene, _ = read_scene(scene_path)
+        identity = run_identity(scene_path, motion, options)
+        checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
+        if checkpoint is None:
+            store.start()
+            checkpoint = _beginning(identity, scene)
+        stepper = options.stepper(scene)
+        tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(checkpoint.held))
+        statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
+        seconds = list(checkpoint.seconds)
+        frames = range(checkpoint.frames, motion.frames)
+        started = time.perf_counter()
+        for _, state, solution in run(stepper, tracker, _state(checkpoint), frames):
+            seconds.append(time.perf_counter() - started)
+            statistics["iterations"].append(solution.iterations)
+            statistics["evaluations"].append(solution.evaluations)
+            statistics["reason"].append(int(solution.reason))
+            store.append(state.u)
+            store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))
+            if not lease.holds():
+                raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
+            started = time.perf_counter()
+
+
+def run_identity(scene_path: Path, motion: Motion, options: SolverOptions) -> str:
+    """SHA-256 of all that a run depends on."""
+    digest = hashlib.sha256(file_hash(scene_path).encode())
+    digest.update(repr((motion.name, motion.frames, options)).encode())
+    for name, values in motion_arrays(motion, {}).items():
+        digest.update(name.encode() + values.tobytes())
+    return digest.hexdigest()
+
+
+def _beginning(identity: str, scene: Scene) -> Checkpoint:
+    state = FullState.at_rest(scene.mesh.n_vertices)
+    none = np.empty(0, dtype=np.int64)
+    return Checkpoint(
+        identity, _arrays(state), {}, {"iterations": none, "evaluations": none, "reason": none}, np.empty(0)
+    )
+
+
+def _checkpoint(
+    identity: str, state: FullState, tracker: GrabTracker, statistics: dict[str, list[int]], seconds: list[float]
+) -> Checkpoint:
+    counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
+    return Checkpoint(identity, _arrays(state), tracker.held, counts, np.array(seconds))
+
+
+def _arrays(state: FullState) -> dict[str, NDArray[np.float64] | int]:
+    return {
+        "u": state.u,
+        "u_previous": state.u_previous,
+        "u_factor": state.u_factor,
+        "fresh_iterations": state.fresh_iterations,
+        "excess": state.excess,
+    }
+
+
+def _state(checkpoint: Checkpoint) -> FullState:
+    arrays = checkpoint.state
+    return FullState(
+        np.asarray(arrays["u"], dtype=np.float64),
+        np.asarray(arrays["u_previous"], dtype=np.float64),
+        np.asarray(arrays["u_factor"], dtype=np.float64),
+        int(arrays["fresh_iterations"]),
+        int(arrays["excess"]),
+    )

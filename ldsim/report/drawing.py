@@ -1,0 +1,261 @@
+"""Pictures of triangle meshes without a graphics card: project, cull, sort by depth, fill.
+
+A picture has a transparent background and text in a middle grey, so that it reads on light and on dark pages alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import TypeAlias
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
+
+Array = NDArray[np.float64]
+Triangles = NDArray[np.integer]
+Picture: TypeAlias = Image.Image
+
+CLAY = (0.72, 0.76, 0.80)
+TEXT_GREY = "#828a93"
+# From clay to deep vermilion through amber: lightness falls all the way, so it also reads without colour.
+DISTANCE_STOPS = [(0.78, 0.81, 0.83), (0.98, 0.78, 0.42), (0.84, 0.37, 0.0), (0.45, 0.07, 0.05)]
+DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", DISTANCE_STOPS)
+KEY_LIGHT = np.array([-0.45, 0.65, 0.61])
+OVERSAMPLING = 2
+DOTS_PER_INCH = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One picture of a row: its title and the positions of the vertices, (n, 3), metres."""
+
+    title: str
+    positions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Shading:
+    """What gives the triangles their colour.
+
+    Attributes:
+        norm: maps a field's values to 0 … 1; the same for all pictures that are compared.
+        field: a value per vertex, (n,).
+    """
+
+    norm: Normalize
+    field: Array
+
+
+def draw_mesh(
+    ax: Axes,
+    vertices: Array,
+    triangles: Triangles,
+    view: View,
+    limits: Array,
+    colour: tuple[float, float, float] = CLAY,
+    shading: Shading | None = None,
+) -> PolyCollection:
+    """Draw a closed surface by the painter's algorithm: far triangles first, those that face away not at all.
+
+    Args:
+        ax: an axes of any size; its frame and ticks are taken away.
+        vertices: positions, (n, 3), metres.
+        triangles: vertex indices, (t, 3), anticlockwise seen from outside.
+        view: the camera.
+        limits: what the picture shows, (left, right, bottom, top) as `limits_of` gives it; keep it fixed over a
+            motion, or the solid seems to breathe.
+        colour: RGB in 0 … 1 of a surface without `shading`.
+        shading: colours by a vertex field instead.
+
+    Returns:
+        The collection of visible triangles, in the order in which they are painted.
+    """
+    screen = screen_positions(view, vertices)
+    order = _visible_back_to_front(view, screen, triangles)
+    corners = screen[triangles[order]]
+    base = _base_colours(triangles[order], colour, shading)
+    rgb = np.clip(base * _light(corners)[:, None], 0, 1)
+    polygons = PolyCollection(
+        list(project(view, corners)), facecolors=rgb, edgecolors=rgb, linewidths=0.35, antialiaseds=False
+    )
+    ax.add_collection(polygons)
+    ax.set(xlim=limits[:2], ylim=limits[2:], aspect="equal")
+    ax.set_axis_off()
+    return polygons
+
+
+def side_by_side(
+    poses: Sequence[Pose],
+    triangles: Triangles,
+    reference: Array | None = None,
+    view: View | None = None,
+    limits: Array | None = None,
+    width: int = 1200,
+) -> bytes:
+    """The same frame of several runs in a row, by one camera in one framing, as PNG.
+
+    Args:
+        poses: what to draw, left to right.
+        triangles: the surface, (t, 3), anticlockwise seen from outside.
+        reference: positions (n, 3), metres; given, vertices are coloured by their distance to it in millimetres,
+            on one scale for all pictures, which a colour bar shows.
+        view, limits: camera and framing; by default three-quarters from the front, around all poses.
+        width: of the picture, pixels.
+    """
+    everything = np.stack([pose.positions for pose in poses])
+    view = view or look_at(everything)
+    limits = limits_of(view, everything) if limits is None else limits
+    shadings = _distance_shadings(everything, reference)
+    figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
+    for ax, pose, shading in zip(panels, poses, shadings, strict=True):
+        draw_mesh(ax, pose.positions, triangles, view, limits, shading=shading)
+        _title(ax, pose.title, width)
+    if shadings[0] is not None:
+        _colour_bar(figure, shadings[0].norm)
+    buffer = BytesIO()
+    _rasterised(figure).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def animation(
+    motions: Sequence[tuple[str, Array]],
+    triangles: Triangles,
+    frame_seconds: float,
+    view: View | None = None,
+    max_frames: int = 60,
+    width: int = 720,
+) -> bytes:
+    """Several runs of one motion side by side, moving, as an endless WebP in real time.
+
+    Args:
+        motions: title and positions (N, n, 3), metres, of each run; all of the same N.
+        triangles: the surface, (t, 3), anticlockwise seen from outside.
+        frame_seconds: time between two frames of the motions.
+        view: the camera; by default three-quarters from the front.
+        max_frames: of the animation; longer motions are thinned evenly and keep their pace.
+        width: of the picture, pixels.
+    """
+    total = len(motions[0][1])
+    shown = np.unique(np.linspace(0, total - 1, min(total, max_frames)).round().astype(int))
+    thinned = [(title, np.asarray(positions[shown], dtype=np.float64)) for title, positions in motions]
+    pictures = list(moving_pictures(thinned, triangles, view, width))
+    return webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
+
+
+def moving_pictures(
+    motions: Sequence[tuple[str, Array]], triangles: Triangles, view: View | None = None, width: int = 720
+) -> Iterator[Image.Image]:
+    """One picture a frame of several runs side by side, by one camera in one framing; see `animation`."""
+    everything = np.concatenate([positions for _, positions in motions])
+    view = view or look_at(everything)
+    limits = limits_of(view, everything)
+    for frame in range(len(motions[0][1])):
+        figure, panels = _row_of_panels(len(motions), limits, width, bar=False)
+        for ax, (title, positions) in zip(panels, motions, strict=True):
+            draw_mesh(ax, positions[frame], triangles, view, limits)
+            _title(ax, title, width)
+        yield _rasterised(figure)
+
+
+def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
+    """An endless animation of pictures of one size, each shown for as many milliseconds."""
+    buffer = BytesIO()
+    pictures[0].save(
+        buffer, "WEBP", save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0, quality=60, method=3
+    )
+    return buffer.getvalue()
+
+
+def on_white(picture: Picture) -> NDArray[np.uint8]:
+    """The picture's pixels on a white ground, cut to even sides as video codecs want them, (height, width, 3)."""
+    ground = Image.new("RGBA", picture.size, "white")
+    ground.alpha_composite(picture)
+    pixels = np.asarray(ground.convert("RGB"))
+    return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
+
+
+def _visible_back_to_front(view: View, screen: Array, triangles: Triangles) -> NDArray[np.intp]:
+    """Indices of the triangles that turn their front to the camera, the farthest first."""
+    flat = project(view, screen)[triangles]
+    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    front = np.flatnonzero(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0)
+    distance = depths(view, screen)[triangles[front]].mean(axis=1)
+    order: NDArray[np.intp] = front[np.argsort(-distance, kind="stable")]
+    return order
+
+
+def _light(corners: Array) -> Array:
+    """Brightness of each triangle (t, 3, 3) in screen coordinates: sky light from above and one soft lamp, (t,)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    sky = 0.5 + 0.5 * normals[:, 1]
+    lamp = np.maximum(normals @ KEY_LIGHT / np.linalg.norm(KEY_LIGHT), 0)
+    brightness: Array = 0.42 + 0.20 * sky + 0.50 * lamp
+    return brightness
+
+
+def _base_colours(triangles: Triangles, colour: tuple[float, float, float], shading: Shading | None) -> Array:
+    """RGB of each triangle before light falls on it, (t, 3)."""
+    if shading is None:
+        return np.tile(np.asarray(colour, dtype=np.float64), (len(triangles), 1))
+    values = shading.norm(shading.field[triangles].mean(axis=1))
+    return np.asarray(DISTANCE_COLOURS(values), dtype=np.float64)[:, :3]
+
+
+def _distance_shadings(poses: Array, reference: Array | None) -> list[Shading] | list[None]:
+    """Vertex distances of each pose (p, n, 3) to the reference in millimetres, on one scale."""
+    if reference is None:
+        return [None] * len(poses)
+    distances = 1000 * np.linalg.norm(poses - reference, axis=2)
+    norm = Normalize(0, float(max(distances.max(), 1e-9)))
+    return [Shading(norm, field) for field in distances]
+
+
+def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Figure, list[Axes]]:
+    """A transparent figure with `count` axes of the limits' aspect, a line for titles and room for a colour bar."""
+    inches = width / DOTS_PER_INCH
+    title, foot = 0.027 * inches, 0.55 if bar else 0.06
+    aspect = (limits[3] - limits[2]) / (limits[1] - limits[0])
+    panel = inches / count
+    height = panel * float(np.clip(aspect, 0.3, 1.4)) + title + foot
+    figure = Figure(figsize=(inches, height), dpi=DOTS_PER_INCH * OVERSAMPLING)
+    figure.patch.set_alpha(0.0)
+    rows = (height - title - foot) / height
+    gap = 0.02 / count
+    return figure, [figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)]
+
+
+def _title(ax: Axes, text: str, width: int) -> None:
+    """A title whose size follows the picture's width, so that pictures scaled to one width match."""
+    ax.set_title(text, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
+
+
+def _colour_bar(figure: Figure, norm: Normalize) -> None:
+    """A thin bar under the row that says what the colours mean."""
+    height = figure.get_size_inches()[1]
+    ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
+    bar = figure.colorbar(ScalarMappable(norm, DISTANCE_COLOURS), cax=ax, orientation="horizontal")
+    bar.outline.set_visible(False)
+    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
+    ax.tick_params(colors=TEXT_GREY, labelsize=9, length=2, pad=1)
+
+
+def _rasterised(figure: Figure) -> Image.Image:
+    """The figure's pixels, drawn large without antialiasing and then made small, so that no seams show."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    pixels = np.array(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    large = Image.fromarray(pixels)
+    size = (large.width // OVERSAMPLING, large.height // OVERSAMPLING)
+    return large.resize(size, Image.Resampling.LANCZOS)

@@ -1,0 +1,294 @@
+"""PCA of snapshots in bounded memory: the method of snapshots on streamed chunks (Sirovich 1987).
+
+No mean is subtracted, so that the rest shape u = 0 is in every basis. The inner product is the mass or the Euclidean
+one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh, solve_triangular
+from scipy.sparse import csr_array, eye_array
+
+from ldsim.errors import SolverError
+from ldsim.jit import njit
+
+Array = NDArray[np.float64]
+Chunks = Callable[[], Iterable[NDArray[np.float32]]]
+
+# Columns that are multiplied at a time, and the share of the largest singular value down to which it serves to sum
+# their products in single precision.
+BLOCK = 16384
+SINGLE = 1e-3
+# Chunks whose products with all others are formed in one pass over those.
+HELD = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """An orthonormal basis of displacements.
+
+    Attributes:
+        U: (3n, k) float64; UᵀMU = I for the mass inner product, UᵀU = I for the Euclidean one.
+        singular_values: of the snapshots in that inner product, (K,) float64 with K ≥ k, falling.
+        max_error, mean_error: largest and mean vertex distance over the training snapshots when 0, 1, … columns are
+            kept, (k + 1,) float64, metres.
+    """
+
+    U: Array
+    singular_values: Array
+    max_error: Array
+    mean_error: Array
+
+    @property
+    def k(self) -> int:
+        return int(self.U.shape[1])
+
+
+def inner_product(mass: csr_array, kind: str) -> csr_array:
+    """The scalar matrix (n, n) of an inner product, "mass" or "euclidean"."""
+    return mass if kind == "mass" else csr_array(eye_array(mass.shape[0]))
+
+
+def is_identity(metric: csr_array) -> bool:
+    """Whether the inner product is the Euclidean one."""
+    return bool(metric.nnz == metric.shape[0] and (metric.data == 1).all())
+
+
+def weighted(metric: csr_array, fields: NDArray[np.floating]) -> Array:
+    """Applies a scalar (n, n) metric to rows of displacements (b, 3n); (b, 3n) float64."""
+    if is_identity(metric):
+        return np.asarray(fields, dtype=np.float64)
+    stacked = np.asarray(fields, dtype=np.float64).reshape(len(fields), -1, 3)
+    moved = np.ascontiguousarray(stacked.transpose(1, 0, 2)).reshape(stacked.shape[1], -1)
+    product = (metric @ moved).reshape(stacked.shape[1], len(fields), 3)
+    return np.ascontiguousarray(product.transpose(1, 0, 2)).reshape(len(fields), -1)
+
+
+def coordinates(metric: csr_array, U: Array, fields: NDArray[np.floating]) -> Array:
+    """q = Uᵀ M u for rows of displacements (b, 3n); (b, k) float64."""
+    q: Array = weighted(metric, fields) @ U
+    return q
+
+
+def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] = np.float64) -> Array:
+    """X M Xᵀ over all snapshots, (N, N) float64; reads them once for every `HELD` chunks, and holds few more than that.
+
+    Args:
+        products: np.float32 halves the time; products of a few columns are then summed in float64. What is smaller
+            than about 1e-4 of the largest singular value is lost in their rounding.
+    """
+    rows: list[list[Array]] = []
+    stream = iter(chunks())
+    while held := list(islice(stream, HELD)):
+        lefts = [_for_products(metric, chunk, products) for chunk in held]
+        here: list[list[Array]] = [[] for _ in lefts]
+        for right in islice(chunks(), len(rows)):
+            for row, left in zip(here, lefts, strict=True):
+                row.append(_products(left, right))
+        for i, (row, left) in enumerate(zip(here, lefts, strict=True)):
+            row.extend(_products(left, right) for right in held[: i + 1])
+        rows += here
+    return _symmetric([np.hstack(row) for row in rows])
+
+
+def _symmetric(rows: list[Array]) -> Array:
+    """The symmetric matrix whose lower triangle is in these blocks of rows."""
+    total = sum(len(row) for row in rows)
+    gram = np.zeros((total, total))
+    start = 0
+    for row in rows:
+        gram[start : start + len(row), : row.shape[1]] = row
+        start += len(row)
+    lower = np.tril(gram)
+    symmetric: Array = lower + np.tril(lower, -1).T
+    return symmetric
+
+
+def _for_products(metric: csr_array, chunk: NDArray[np.float32], products: type[np.floating]) -> NDArray[np.floating]:
+    return (chunk if is_identity(metric) else weighted(metric, chunk)).astype(products, copy=False)
+
+
+def _products(left: NDArray[np.floating], right: NDArray[np.float32]) -> Array:
+    """left rightᵀ, float64, in blocks of columns: each block in the precision of `left`, their sum in float64."""
+    total = np.zeros((len(left), len(right)))
+    for block in _blocks(left.shape[1]):
+        total += left[:, block] @ right[:, block].T.astype(left.dtype, copy=False)
+    return total
+
+
+def _blocks(columns: int) -> Iterator[slice]:
+    """Columns in pieces that stay in the cache."""
+    return (slice(start, start + BLOCK) for start in range(0, columns, BLOCK))
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The decomposed Gram matrix: singular values, falling, and the snapshots' coefficients of each mode, (N, N)."""
+
+    singular_values: Array
+    vectors: Array
+
+    @property
+    def independent(self) -> int:
+        """How many snapshots are: float32 carries seven digits, so directions down to 1e-6 of the first."""
+        return int((self.singular_values > 1e-6 * self.singular_values[0]).sum())
+
+
+def spectrum(chunks: Chunks, metric: csr_array, wanted: int | None = None) -> Spectrum:
+    """Singular values and coefficients of the snapshots.
+
+    Args:
+        wanted: the number of modes that will be used; where their singular values lie well above the rounding of
+            float32 products, those are used, and float64 else.
+
+    Raises:
+        SolverError: a snapshot is not finite, or all are zero.
+    """
+    if wanted is not None:
+        quick = _decomposed(gram_matrix(chunks, metric, np.float32))
+        if quick.singular_values[min(wanted, len(quick.vectors)) - 1] > SINGLE * quick.singular_values[0]:
+            return quick
+    return _decomposed(gram_matrix(chunks, metric))
+
+
+def _decomposed(gram: Array) -> Spectrum:
+    if not np.isfinite(gram).all():
+        frame = int(np.argwhere(~np.isfinite(np.diag(gram)))[0, 0])
+        raise SolverError(f"training snapshot {frame} holds a displacement that is not finite; rerun snapshot")
+    squares, vectors = eigh(gram)
+    singular = np.sqrt(np.maximum(squares[::-1], 0))
+    if singular[0] == 0:
+        raise SolverError("all training snapshots are zero; nothing moves, so there is no basis to find")
+    return Spectrum(singular, vectors[:, ::-1])
+
+
+def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | None = None) -> tuple[Array, Array]:
+    """The k leading modes (3n, k) and all singular values, float64.
+
+    Raises:
+        SolverError: fewer than k snapshots are independent, or one is not finite.
+    """
+    found = found if found is not None else spectrum(chunks, metric, k)
+    singular = found.singular_values
+    if found.independent < k:
+        raise SolverError(
+            f"k = {k} but only {found.independent} of {len(singular)} training snapshots are independent; lower pca.k"
+        )
+    rows = np.zeros((k, 3 * metric.shape[0]))
+    start = 0
+    for chunk in chunks():
+        weights = (found.vectors[start : start + len(chunk), :k] / singular[:k]).T
+        for block in _blocks(chunk.shape[1]):
+            rows[:, block] += weights @ chunk[:, block].astype(np.float64)
+        start += len(chunk)
+    # Once more, for what rounding left.
+    return orthonormalised(_orthonormal_rows(rows, metric).T, metric), singular
+
+
+def orthonormalised(U: Array, metric: csr_array) -> Array:
+    """The same span and order with UᵀMU = I, by Cholesky; each column's largest entry made positive."""
+    Q = _orthonormal_rows(np.ascontiguousarray(U.T), metric)
+    signs = np.sign(Q[np.arange(len(Q)), np.abs(Q).argmax(axis=1)])
+    return np.ascontiguousarray((Q * signs[:, None]).T)
+
+
+def _orthonormal_rows(rows: Array, metric: csr_array) -> Array:
+    """Cholesky QR of modes (k, 3n) that are rows, each in one piece of memory."""
+    factor = np.linalg.cholesky(weighted(metric, rows) @ rows.T)
+    orthonormal: Array = solve_triangular(factor, np.eye(len(rows)), lower=True) @ rows
+    return orthonormal
+
+
+@njit(cache=True, nogil=True)
+def _accumulate_errors(fields: Array, q: Array, UT: Array, largest: Array, total: Array) -> None:
+    """Subtracts one mode after another from each snapshot and records the vertex errors left over."""
+    k, size = UT.shape
+    residual = np.empty(size)
+    for t in range(fields.shape[0]):
+        residual[:] = fields[t]
+        for j in range(k + 1):
+            worst, sum_ = 0.0, 0.0
+            for v in range(0, size, 3):
+                square = residual[v] ** 2 + residual[v + 1] ** 2 + residual[v + 2] ** 2
+                worst = max(worst, square)
+                sum_ += np.sqrt(square)
+            largest[j] = max(largest[j], np.sqrt(worst))
+            total[j] += sum_
+            if j < k:
+                a = q[t, j]
+                mode = UT[j]
+                for i in range(size):
+                    residual[i] -= a * mode[i]
+
+
+def errors_against_k(chunks: Chunks, metric: csr_array, U: Array) -> tuple[Array, Array]:
+    """Largest and mean vertex distance, metres, when the first 0 … k modes are kept; each (k + 1,) float64."""
+    UT = np.ascontiguousarray(U.T)
+    largest, total = np.zeros(U.shape[1] + 1), np.zeros(U.shape[1] + 1)
+    count = 0
+    for chunk in chunks():
+        fields = np.asarray(chunk, dtype=np.float64)
+        _accumulate_errors(fields, coordinates(metric, U, fields), UT, largest, total)
+        count += fields.shape[0] * fields.shape[1] // 3
+    return largest, total / count
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How many modes: k where it is given, else the fewest that meet a tolerance on the training snapshots.
+
+    Attributes:
+        criterion: "max_error" (paper, Sec. 4.3) or "mean_error" of the vertices, tolerance in metres; or "energy", the
+            share of the snapshots' squared norm that is lost.
+        max_k: the largest k that a tolerance may lead to.
+    """
+
+    k: int | None = None
+    criterion: str = "max_error"
+    tolerance: float = 1e-3
+    max_k: int = 100
+
+    def describe(self, reached: float) -> str:
+        """What was reached and what is allowed, in words."""
+        if self.criterion == "energy":
+            return f"lose {reached:.3g} of the energy, allowed are {self.tolerance:.3g}; raise pca.max_k or pca.energy"
+        kind = "vertex error" if self.criterion == "max_error" else "mean vertex error"
+        return (
+            f"leave a {kind} of {1e3 * reached:.3g} mm, allowed are {1e3 * self.tolerance:.3g} mm; raise pca.max_k or "
+            "pca.tolerance_mm"
+        )
+
+
+def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Basis:
+    """A basis of as many modes as the rule asks for.
+
+    Args:
+        chunks: yields rows of displacements (b, 3n) float32, the same sequence each time it is called.
+
+    Raises:
+        SolverError: k is larger than the number of independent snapshots, or max_k modes miss the tolerance.
+    """
+    count = sum(len(chunk) for chunk in chunks())
+    if count == 0:
+        raise SolverError("there are no training snapshots; give at least one motion the role train")
+    if rule.k is not None and rule.k > count:
+        raise SolverError(f"k = {rule.k} but there are only {count} training snapshots; lower pca.k")
+    found = spectrum(chunks, metric, rule.k)
+    most = rule.k if rule.k is not None else min(rule.max_k, found.independent)
+    U, singular = leading_modes(chunks, metric, most, found)
+    max_error, mean_error = errors_against_k(chunks, metric, U)
+    wanted = most
+    if rule.k is None:
+        squares = np.concatenate([[0.0], np.cumsum(singular**2)])
+        lost = {"max_error": max_error, "mean_error": mean_error, "energy": 1 - squares / squares[-1]}[rule.criterion]
+        within = np.flatnonzero(lost[: most + 1] <= rule.tolerance)
+        if len(within) == 0 and most == rule.max_k:
+            raise SolverError(f"{most} modes {rule.describe(lost[most])}")
+        wanted = max(int(within[0]), 1) if len(within) else most
+    return Basis(np.ascontiguousarray(U[:, :wanted]), singular, max_error[: wanted + 1], mean_error[: wanted + 1])

@@ -1,0 +1,42 @@
+"""How well a space can represent given displacements, in metres at the vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
+from ldsim.space.pca import Chunks, coordinates
+
+Array = NDArray[np.float64]
+
+
+def all_coordinates(chunks: Chunks, metric: csr_array, U: Array) -> Array:
+    """q of every snapshot, (N, k) float64."""
+    parts = [coordinates(metric, U, chunk) for chunk in chunks()]
+    return np.concatenate(parts) if parts else np.empty((0, U.shape[1]))
+
+
+def reconstruction_error(
+    chunks: Chunks, metric: csr_array, U: Array, encoder: Encoder, decoder: Decoder
+) -> tuple[float, float]:
+    """Largest and mean distance, metres, between the vertices of u and of U φ(ψ(UᵀMu)); NaN without snapshots."""
+    largest, total, count = 0.0, 0.0, 0
+    for chunk in chunks():
+        decoded = decoder(encoder(coordinates(metric, U, chunk))) @ U.T
+        distance = np.linalg.norm((decoded - chunk).reshape(len(chunk), -1, 3), axis=2)
+        largest = max(largest, float(distance.max()))
+        total += float(distance.sum())
+        count += distance.size
+    return (largest, total / count) if count else (float("nan"), float("nan"))
+
+
+def matching_dimension(max_error: Array, target: float) -> int:
+    """The PCA dimension, at least 1, whose largest vertex error is nearest to `target` (kp of the paper, Sec. 6).
+
+    Args:
+        max_error: largest vertex error with 0, 1, … modes, (k + 1,), metres.
+    """
+    return int(np.abs(max_error[1:] - target).argmin()) + 1

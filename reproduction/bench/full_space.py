@@ -1,0 +1,290 @@
+"""What a frame of the full space costs, in time and memory: LDSIM_DATA=… python benchmarks/full_space.py [--quick]
+
+Needs the paper's meshes and recordings, and scikit-fem (`pip install '.[dev]'`). One thread. Without --part all parts
+run, one after another; each writes results/full_space_<part>.json when it is done. `--part x` can be given repeatedly:
+
+    x        the X while dragging: ours, L-BFGS with the Hessian at rest, and Newton with scikit-fem and SciPy
+    beam     all 881 frames of the beam
+    dragon   the dragon refined to 454,576 tets, by the direct factor and by multigrid, with peak memory
+    scaling  time a frame against cells, 4k … 455k, with the picture for docs/full_space.md
+    memory   peak memory of a snapshot run against its frames
+
+Whatever reports memory runs in a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+from results_file import RESULTS, Row, row, write_results
+from tqdm import tqdm
+
+from ldsim.artefacts.partial import Lease
+from ldsim.artefacts.records import write_scene
+from ldsim.artefacts.store import Header
+from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.jit import one_thread
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.recording import read_recording
+from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mesh.formats import read_mesh
+from ldsim.mesh.refine import refined
+from ldsim.mesh.shapes import cross
+from ldsim.pipeline.ensemble import SolverOptions, run_motion
+from ldsim.report.plotting import FULL, LATENT, new_axes, to_svg
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-6
+DRAGGING = 20
+# Multigrid takes minutes for them on the largest mesh.
+DRAGGING_MULTIGRID = 5
+PICTURE = Path(__file__).parent.parent / "docs" / "pictures" / "full_space_scaling.svg"
+# Of each solid: recording, Young's modulus, axis and thickness of the pinned slab (../shared/data/README.md).
+SOLIDS = {
+    "x": ("x_1", 6e4, 1, 0.001),
+    "dragon": ("dragon", 1e5, 1, 0.01),
+    "beam": ("beam", 1e5, 0, 0.021),
+}
+# Mesh and number of refinements, from 4k to 455k cells.
+QUICK_SIZES = [("x_538", 1), ("dragon_6216", 0), ("x_29686", 0)]
+SIZES = [*QUICK_SIZES, ("beam_45151", 0), ("dragon_56822", 0), ("x_29686", 1), ("dragon_56822", 1)]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Frames of a recording on a mesh, from rest; memory in GiB."""
+
+    model: str
+    cells: int
+    vertices: int
+    solver: str
+    frames: int
+    setup_s: float
+    median_ms: float
+    slowest_ms: float
+    total_s: float
+    iterations: float
+    evaluations: float
+    factorisations: int
+    converged: bool
+    peak_gib: float
+
+    def json(self) -> str:
+        return json.dumps(asdict(self))
+
+
+def load(mesh_name: str, refinements: int) -> tuple[Scene, Motion]:
+    """The scene of a mesh of the paper's, refined some times, and its recording."""
+    data = Path(os.environ["LDSIM_DATA"])
+    recording, modulus, axis, thickness = SOLIDS[mesh_name.split("_")[0]]
+    mesh = read_mesh(data / "meshes" / f"{mesh_name}.mesh").mesh
+    for _ in range(refinements):
+        mesh = refined(mesh)
+    along = mesh.vertices[:, axis]
+    scene = uniform_scene(mesh, along <= along.min() + thickness, youngs_modulus=modulus)
+    return scene, read_recording(data / "interactions" / f"{recording}.csv", recording)
+
+
+def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_solver: str) -> Replay:
+    """Step from rest through the first frames of the recording, or of its first drag."""
+    started = time.perf_counter()
+    scene, motion = load(mesh_name, refinements)
+    stepper = FullStepper(scene, TOLERANCE, linear_solver=linear_solver)
+    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
+    state = FullState.at_rest(scene.mesh.n_vertices)
+    first = motion.drags[0].start if dragging else 0
+    compile_step()
+    setup = time.perf_counter() - started
+    seconds, solutions = [], []
+    name = f"{mesh_name} refined {refinements}×" if refinements else mesh_name
+    words = f"{name}, {stepper.choice.words}"
+    for frame in tqdm(range(first, min(first + count, motion.frames)), desc=words, unit="frame", mininterval=5):
+        grabs = tracker.grabs(frame, state.u)
+        started = time.perf_counter()
+        state, solution = stepper.step(state, grabs)
+        seconds.append(time.perf_counter() - started)
+        solutions.append(solution)
+    return Replay(
+        name,
+        scene.mesh.n_cells,
+        scene.mesh.n_vertices,
+        stepper.choice.words,
+        len(seconds),
+        setup,
+        1e3 * float(np.median(seconds)),
+        1e3 * max(seconds),
+        sum(seconds),
+        float(np.mean([s.iterations for s in solutions])),
+        float(np.mean([s.evaluations for s in solutions])),
+        stepper.factorisations,
+        all(s.converged for s in solutions),
+        peak_gib(),
+    )
+
+
+def peak_gib() -> float:
+    """Largest resident memory of this process so far, GiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+def compile_step() -> None:
+    """Compile, or load, what a step needs, so that no timed frame does; on a small solid."""
+    small = cross(resolution=1)
+    pinned = small.vertices[:, 1] < small.vertices[:, 1].min() + 1e-9
+    FullStepper(uniform_scene(small, pinned)).step(FullState.at_rest(small.n_vertices), [])
+
+
+def snapshot_peak(frames: int) -> float:
+    """Peak memory of a snapshot run of a cross over some frames, GiB."""
+    mesh = cross(resolution=4)
+    pinned = mesh.vertices[:, 1] < mesh.vertices[:, 1].min() + 1e-9
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.h5"
+        write_scene(path, Header("scene", "", {}, -1, {}), uniform_scene(mesh, pinned, youngs_modulus=4e4))
+        partial = Path(folder) / "partial"
+        partial.mkdir()
+        run_motion(path, Lease.taken(partial), Motion("hang", frames), SolverOptions(TOLERANCE, 25, 500))
+    return peak_gib()
+
+
+def in_child(expression: str) -> str:
+    """What an expression of this file gives, printed as JSON, in a process of its own."""
+    code = (
+        f"import json; from dataclasses import asdict; from full_space import *\nwith one_thread(): print({expression})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parent
+    )
+    return done.stdout.splitlines()[-1]
+
+
+def replay_in_child(
+    mesh_name: str, refinements: int, count: int, dragging: bool = True, linear_solver: str = "auto"
+) -> Replay:
+    """`replay` in a process of its own; a frame that did not converge is an error."""
+    arguments = (mesh_name, refinements, count, dragging, linear_solver)
+    result = Replay(**json.loads(in_child(f"replay{arguments!r}.json()")))
+    if not result.converged:
+        raise RuntimeError(f"a frame of {result.model} did not converge ({result.solver})")
+    return result
+
+
+def x(quick: bool) -> list[Row]:
+    from full_space_rivals import measure
+
+    name = "x_538" if quick else "x_29686"
+    return measure(name, *load(name, 0), 10 if quick else 50, TOLERANCE)
+
+
+def beam(quick: bool) -> list[Row]:
+    p = replay_in_child("beam_3042" if quick else "beam_45151", 0, 60 if quick else 881, dragging=False)
+    return [
+        row(p.model, f"replay of {p.frames} frames", p.total_s / 60, "min", "<= 25"),
+        row(p.model, "median frame", p.median_ms, "ms"),
+        row(p.model, "slowest frame", p.slowest_ms, "ms"),
+        row(p.model, "iterations a frame", p.iterations),
+        row(p.model, "factorisations", p.factorisations),
+        row(p.model, "preparation", p.setup_s, "s"),
+        row(p.model, "peak memory", p.peak_gib, "GiB"),
+    ]
+
+
+def dragon(quick: bool) -> list[Row]:
+    rows = []
+    for solver, frames in (("auto", DRAGGING), ("multigrid", DRAGGING_MULTIGRID)):
+        mesh = ("dragon_6216", 0, 3) if quick else ("dragon_56822", 1, frames)
+        p = replay_in_child(*mesh, linear_solver=solver)
+        label = f"{p.cells} cells, {p.frames} dragging frames, {p.solver.split(',')[0]}"
+        rows += [
+            row(p.model, f"{label}: mean frame", p.total_s / p.frames, "s"),
+            row(p.model, f"{label}: slowest frame", p.slowest_ms / 1e3, "s"),
+            row(p.model, f"{label}: iterations a frame", p.iterations),
+            row(p.model, f"{label}: preparation", p.setup_s, "s"),
+            row(p.model, f"{label}: peak memory", p.peak_gib, "GiB", "<= 16"),
+        ]
+    return rows
+
+
+def scaling(quick: bool) -> list[Row]:
+    print("| mesh | cells | median ms | slowest ms | iterations | factors | preparation s | peak GiB |")
+    print("|---|---|---|---|---|---|---|---|")
+    points = []
+    for mesh_name, refinements in QUICK_SIZES if quick else SIZES:
+        p = replay_in_child(mesh_name, refinements, 5 if quick else DRAGGING)
+        points.append(p)
+        print(f"| {p.model} | {p.cells} | {p.median_ms:.3g} | {p.slowest_ms:.3g} | {p.iterations:.1f} ", end="")
+        print(f"| {p.factorisations} | {p.setup_s:.2g} | {p.peak_gib:.2g} |", flush=True)
+    cells, ms = np.array([[p.cells, p.median_ms] for p in points]).T
+    exponent, constant = np.polyfit(np.log(cells), np.log(ms), 1)
+    drawn = RESULTS / "full_space_quick.svg" if quick else PICTURE
+    drawn.write_text(picture(cells, ms, float(exponent), float(np.exp(constant))) + "\n", encoding="utf-8")
+    rows = [row("all", "exponent of the median dragging frame against cells", float(exponent))]
+    for p in points:
+        rows.append(row(p.model, f"median dragging frame, {p.cells} cells", p.median_ms, "ms"))
+        rows.append(row(p.model, f"iterations a dragging frame, {p.cells} cells", p.iterations))
+        rows.append(row(p.model, f"peak memory, {p.cells} cells", p.peak_gib, "GiB"))
+    return rows
+
+
+def picture(cells: Array, ms: Array, exponent: float, factor: float) -> str:
+    """Time a frame against cells, both logarithmic, with the fitted power."""
+    figure, ax = new_axes("cells (tet4)", "median frame while dragging, ms")
+    ax.loglog(cells, ms, "o", color=FULL)
+    ends = np.array([cells.min(), cells.max()])
+    ax.loglog(ends, factor * ends**exponent, color=LATENT, label=f"proportional to cells^{exponent:.2f}")
+    ax.legend(frameon=False, fontsize=8, labelcolor="#23282f")
+    return to_svg(figure, "Median time of a full-space frame while dragging, against the number of cells")
+
+
+def memory(quick: bool) -> list[Row]:
+    short, long = (float(in_child(f"snapshot_peak({frames})")) for frames in ((20, 80) if quick else (50, 800)))
+    return [row("cross", "peak memory of snapshot, long run over short", long / short, "", "<= 1.1")]
+
+
+def show(rows: list[Row]) -> None:
+    """Print rows, a line each."""
+    for entry in rows:
+        words = f"{entry['model']}: {entry['quantity']} = {float(str(entry['value'])):.4g} {entry['unit']}".rstrip()
+        print(f"{words} (goal {entry['goal']})" if entry["goal"] else words, flush=True)
+
+
+PARTS: dict[str, Callable[[bool], list[Row]]] = {
+    "x": x,
+    "beam": beam,
+    "dragon": dragon,
+    "scaling": scaling,
+    "memory": memory,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this part; may be given repeatedly")
+    parser.add_argument("--quick", action="store_true", help="small meshes; results/full_space_<part>_quick.json")
+    given = parser.parse_args()
+    if "LDSIM_DATA" not in os.environ:
+        parser.error("set LDSIM_DATA to the folder that holds the paper's meshes/ and interactions/")
+    for part in given.part or PARTS:
+        flags = f" --part {part}" + (" --quick" if given.quick else "")
+        rows = PARTS[part](given.quick)
+        show(rows)
+        name = f"full_space_{part}{'_quick' if given.quick else ''}"
+        print(write_results(name, "python benchmarks/full_space.py" + flags, rows))
+
+
+if __name__ == "__main__":
+    with one_thread():
+        main()

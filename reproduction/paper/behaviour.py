@@ -1,0 +1,179 @@
+"""Figures 10, 14 and 15: one cubature point, a material changed after training, and a local pull."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.cubature.fit import fit
+from ldsim.cubature.forces import ProjectedForces
+from ldsim.cubature.goal import Goal
+from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.selection import split_poses
+from ldsim.dynamics.trajectory import Trajectory
+from ldsim.jit import one_thread
+from ldsim.report.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
+from ldsim.space.decoder import Decoder
+from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.paper.reduced_runs import Material, opened, relative_error
+from reproduction.paper.scenes import bar, catapult, dragon, elephant
+
+Array = NDArray[np.float64]
+
+LINEAR_MODES = 6
+POSES = 100
+# A space is bounded when it never moves farther than this many times what the full space does.
+BOUND = 3.0
+# Stiffer, not softer, so that the poses stay among those that the space was trained on.
+STIFFER = 2.0
+
+
+def one_cubature_point(bench: Bench) -> Outcome:
+    """Figure 10: the catapult with a single cubature point, latent with r = 2 against PCA-6."""
+    with opened(bench.made(catapult(bench.quick), "train")) as run, one_thread():
+        name, q, model = run.names[0], run.training_coordinates, run.model
+        spaces = {
+            "latent": (model.decoder, model.encoder(q)),
+            "linear": (Decoder.identity(LINEAR_MODES), q[:, :LINEAR_MODES]),
+        }
+        played = {
+            space: run.play(name, decoder, _single_point(run, decoder, z), current=False)
+            for space, (decoder, z) in spaces.items()
+        }
+        reach = {space: _reach(run, trajectory) for space, trajectory in played.items()}
+        full = np.linalg.norm(run.frames(name), axis=2).max(axis=1)
+    figure, ax = new_axes("frame", "largest displacement, m", height=3.2)
+    for space, values in {"full": full, **reach}.items():
+        ax.plot(values, color=SPACE_COLOURS[space], label=space)
+    log_scale(ax, "y")
+    legend(ax)
+    over = {space: _largest(values) / float(full.max()) for space, values in reach.items()}
+    evaluations = {space: float(trajectory.evaluations.mean()) for space, trajectory in played.items()}
+    relations = (
+        Relation("largest displacement, latent with r = 2 over full space", over["latent"], f"<= {BOUND:g}"),
+        Relation("linear with 6 modes diverges or leaves those bounds", float(not over["linear"] <= BOUND), ">= 1"),
+        Relation("evaluations a step, latent over linear", evaluations["latent"] / evaluations["linear"], "< 1"),
+    )
+    numbers = {
+        "displacement_over_full": over,
+        "evaluations": evaluations,
+        "diverged": {space: trajectory.diverged for space, trajectory in played.items()},
+    }
+    label = "Largest displacement of the catapult over time with a single cubature point"
+    return Outcome(to_svg(figure, label), numbers, relations)
+
+
+def _single_point(run: Material, decoder: Decoder, z: Array) -> CubatureSet:
+    U = np.ascontiguousarray(run.basis.U[:, : decoder.k])
+    poses, _ = split_poses(len(z), min(POSES, len(z) - 1), 0, seed=0)
+    return fit(ProjectedForces(run.scene, U, decoder, z[poses]), Goal(1e-6, 1)).best
+
+
+def _reach(run: Material, trajectory: Trajectory) -> Array:
+    """Largest displacement of any vertex in each frame, (N,) m; NaN once diverged."""
+    assert trajectory.coordinates is not None
+    q = trajectory.coordinates
+    U = run.basis.U[:, : q.shape[1]]
+    return np.array([np.linalg.norm((U @ row).reshape(-1, 3), axis=1).max() for row in q])
+
+
+def _largest(values: Array) -> float:
+    return float(values.max()) if np.isfinite(values).all() else float("inf")
+
+
+def cubature_against_every_element(bench: Bench) -> Outcome:
+    """Figure 11: the dragon at E = 1e5 Pa in the latent space against full space, with and without cubature."""
+    with opened(bench.made(dragon(bench.quick), "cubature")) as run, one_thread():
+        name, points = run.names[0], run.cubature("latent")
+        played = {
+            "every element": run.play(name, run.model.decoder),
+            f"{len(points.points)} points": run.play(name, run.model.decoder, points),
+        }
+    figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
+    for i, (label, trajectory) in enumerate(played.items()):
+        assert trajectory.mean_error is not None
+        ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=0.5 + 0.5 * i, label=label)
+    legend(ax)
+    errors = {label: relative_error(trajectory) for label, trajectory in played.items()}
+    every, few = errors.values()
+    relations = (
+        Relation("online error with every element", every, "<= 0.1"),
+        Relation("what cubature adds to it", few - every, "<= 0.01"),
+    )
+    label = "Mean vertex error of the dragon over time, with every element and with cubature"
+    return Outcome(to_svg(figure, label), {"online_error": errors}, relations)
+
+
+def material_after_training(bench: Bench) -> Outcome:
+    """Figure 14: the bar at E = 1e5 Pa as trained, and stiffened after training, against the full space."""
+    folder = bench.made(bar(bench.quick), "train")
+    other = bench.made(bar(bench.quick, youngs_modulus=STIFFER * 1e5), "snapshot")
+    with opened(folder) as run, opened(other) as stiffer, one_thread():
+        name = run.snapshots.with_role("train")[0]
+        scene = replace(run.scene, mu=STIFFER * run.scene.mu, lam=STIFFER * run.scene.lam)
+        as_trained = run.play(name, run.model.decoder)
+        judge = Material(run.folder, stiffer.snapshots)
+        changed = judge.play(name, run.model.decoder, scene=scene)
+        unchanged = judge.play(name, run.model.decoder)
+    curves = {"as trained": as_trained, "stiffened after training": changed}
+    figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
+    for i, (label, trajectory) in enumerate(curves.items()):
+        assert trajectory.mean_error is not None
+        ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=1 - 0.5 * i, label=label)
+    legend(ax)
+    errors = {label: relative_error(trajectory) for label, trajectory in curves.items()}
+    errors["stiffened, material not changed"] = relative_error(unchanged)
+    relations = (
+        Relation("online error as trained", errors["as trained"], "<= 0.05"),
+        Relation("online error, twice the modulus set after training", errors["stiffened after training"], "<= 0.1"),
+        Relation(
+            "the same over that of the model with its old modulus",
+            errors["stiffened after training"] / errors["stiffened, material not changed"],
+            "< 1",
+        ),
+    )
+    label = "Mean vertex error of the bar over time, as trained and with another modulus set after training"
+    return Outcome(to_svg(figure, label), {"online_error": errors}, relations)
+
+
+def local_pull(bench: Bench) -> Outcome:
+    """Figure 15: a pull on the elephant's arm moves the far half of a reduced elephant more than the full one's."""
+    name = "local_effect"
+    with opened(bench.made(elephant(bench.quick), "train")) as run, one_thread():
+        recorded, x = run.recorded(name), run.scene.mesh.vertices
+        held = x[recorded.held[0]].mean(axis=0)
+        distance = np.linalg.norm(x - held, axis=1)
+        far = distance > np.median(distance)
+        still = _pulled_less_unpulled(run, run.frames(name))
+        played = run.play(name, run.model.decoder)
+        assert played.coordinates is not None
+        latent = (played.coordinates @ run.basis.U.T).reshape(len(played.coordinates), -1, 3)
+        moved = {"full": still, "latent": _pulled_less_unpulled(run, latent)}
+        shares = {space: _share(u, far) for space, u in moved.items()}
+    figure, ax = new_axes("frame", "mean displacement of the far half, mm", height=3.2)
+    for space, u in moved.items():
+        ax.plot(1e3 * np.linalg.norm(u[:, far], axis=2).mean(axis=1), color=SPACE_COLOURS[space], label=space)
+    legend(ax)
+    relations = (
+        Relation(
+            "share of the motion in the half far from the pull, latent over full",
+            shares["latent"] / shares["full"],
+            ">= 1.2",
+        ),
+    )
+    numbers = {"far_share": shares, "online_error": relative_error(played)}
+    return Outcome(to_svg(figure, "Motion of the half of the elephant far from a local pull"), numbers, relations)
+
+
+def _pulled_less_unpulled(run: Material, u: Array) -> Array:
+    """Displacements (N, n, 3) relative to those of the first frame, before the pull has moved anything."""
+    assert len(u) > 1 and run.scene.mesh.n_vertices == u.shape[1]
+    return u - u[:1]
+
+
+def _share(u: Array, far: NDArray[np.bool_]) -> float:
+    """How much of the vertices' summed motion is in the far half."""
+    moved = np.linalg.norm(u, axis=2).sum(axis=0)
+    return float(moved[far].sum() / moved.sum())

@@ -1,0 +1,113 @@
+"""Figure 9: how fast each space relaxes a bent solid to rest, quasi-statically."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.cubature.ladder import CubatureSet
+from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.reduced.minimiser import Method
+from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
+from ldsim.jit import one_thread
+from ldsim.mechanics.scene import Scene
+from ldsim.optimise.solution import Solution
+from ldsim.report.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import nearest_latent
+from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.paper.reduced_runs import Material, opened
+from reproduction.paper.scenes import cross
+
+Array = NDArray[np.float64]
+Solve = Callable[[int], Solution]
+
+# So long a time step that inertia is nothing: a quasi-static solve.
+FOREVER = 1e8
+TOLERANCE = 1e-8
+MOST = 2000
+SHOWN = (1, 2, 3, 5, 8, 12, 18, 25, 35, 50, 70, 100, 140, 200, 300)
+
+
+def _full(scene: Scene, u: Array) -> Solve:
+    def solve(most: int) -> Solution:
+        state = FullState(u, u, np.zeros_like(u))
+        # the rest pose's Hessian throughout, as in the paper
+        return FullStepper(scene, TOLERANCE, factor_cost=10**9, max_iterations=most).step(state, [])[1]
+
+    return solve
+
+
+def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
+    q = decoder(z)
+    every = CubatureSet.every(scene)
+
+    def solve(most: int) -> Solution:
+        stepper = ReducedStepper(
+            scene, U, decoder, every,
+            tolerance=TOLERANCE, max_iterations=most, method=Method.LBFGS, current=False, inertia_in_metric=False,
+        )  # fmt: skip
+        return stepper.step(ReducedState.moving(z, z, q, q), [])[1]
+
+    return solve
+
+
+def _solves(run: Material) -> dict[str, Solve]:
+    """A solve in each space from the pose of the training motion that is farthest from rest."""
+    scene = replace(run.scene, gravity=np.zeros(3), time_step=FOREVER)
+    q = run.training_coordinates
+    farthest = int(np.linalg.norm(q, axis=1).argmax())
+    model, narrow = run.model, np.ascontiguousarray(run.basis.U[:, : run.model.kp])
+    z = nearest_latent(model.decoder, q[farthest], model.encoder(q[farthest : farthest + 1])[0])
+    u = (run.basis.U @ q[farthest]).reshape(-1, 3)
+    return {
+        "latent": _reduced(scene, run.basis.U, model.decoder, z),
+        "linear": _reduced(scene, narrow, Decoder.identity(model.kp), q[farthest, : model.kp]),
+        "full": _full(scene, u),
+    }
+
+
+def convergence(bench: Bench) -> Outcome:
+    """Iterations, evaluations and final potential of each space, and the potential on the way."""
+    with opened(bench.made(cross(bench.quick), "train")) as run, one_thread():
+        solves = _solves(run)
+        dimensions = {"latent": run.model.decoder.r, "linear": run.model.kp, "full": 3 * len(run.scene.free)}
+        ends = {space: solve(MOST) for space, solve in solves.items()}
+        curves = {
+            space: [(most, solve(most).value) for most in SHOWN if most < ends[space].iterations]
+            + [(ends[space].iterations, ends[space].value)]
+            for space, solve in solves.items()
+        }
+    figure, ax = new_axes("iterations", "potential, J", height=3.2)
+    for space, curve in curves.items():
+        iterations, values = np.array(curve).T
+        shown = values > 0
+        ax.plot(iterations[shown], values[shown], color=SPACE_COLOURS[space], marker=".", label=space)
+    log_scale(ax, "y")
+    legend(ax)
+    numbers = {
+        space: {
+            "dimension": dimensions[space],
+            "iterations": end.iterations,
+            "evaluations": end.evaluations,
+            "potential_j": end.value,
+            "gradient_norm_n": end.gradient_norm,
+            "reason": end.reason.words,
+        }
+        for space, end in ends.items()
+    }
+    label = "Potential against iterations of L-BFGS in the latent, the linear and the full space, relaxing to rest"
+    return Outcome(to_svg(figure, label), {"spaces": numbers, "curves": curves}, convergence_relations(ends))
+
+
+def convergence_relations(ends: dict[str, Solution]) -> tuple[Relation, ...]:
+    """The relations of Figure 9 from the record of each space's solve."""
+    latent, linear, full = (ends[space] for space in ("latent", "linear", "full"))
+    return (
+        Relation("iterations, latent over linear", latent.iterations / max(linear.iterations, 1), "< 1"),
+        Relation("iterations, linear over full", linear.iterations / max(full.iterations, 1), "< 1"),
+        Relation("potential that the latent space ends with, J", abs(latent.value), "<= 1e-12"),
+    )

@@ -1,0 +1,130 @@
+"""Figures 6 and 7: what the depth of the network, the latent and the outer dimension buy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.jit import one_thread
+from ldsim.learn import Trained, TrainingOptions, train
+from ldsim.report.plotting import INK, LATENT, LINEAR, legend, log_scale, new_axes, to_svg
+from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.paper.reduced_runs import Material, opened
+from reproduction.paper.scenes import bar, cross
+
+Array = NDArray[np.float64]
+
+# The paper's loss: all coordinates alike.
+EQUATION_7 = 0.0
+
+
+def _trained(run: Material, r: int, k: int, options: TrainingOptions) -> tuple[Trained, float]:
+    """An autoencoder on the first k coordinates and its largest vertex error on the training snapshots, mm."""
+    q = np.ascontiguousarray(run.training_coordinates[:, :k])
+    with one_thread():
+        trained = train(q, r, options)
+    return trained, run.largest_error(trained.decoder(trained.encoder(q)))
+
+
+def depth(bench: Bench) -> Outcome:
+    """Figure 6: error and step time against the number of hidden layers (X, r 6, k 19, width 200)."""
+    epochs, width, repeats = (200, 60, 1) if bench.quick else (500, 200, 3)
+    depths = range(1, 7)
+    with opened(bench.made(cross(bench.quick), "cubature")) as run:
+        motion, points = run.names[0], run.cubature("latent")
+
+        def measured(layers: int, seed: int) -> dict[str, Any]:
+            options = TrainingOptions((width,) * layers, epochs=epochs, patience=epochs, seed=seed, balance=EQUATION_7)
+            trained, error = _trained(run, 6, 19, options)
+            with one_thread():
+                played = run.play(motion, trained.decoder, points, frames=100)
+            cost = played.seconds / np.maximum(played.evaluations, 1)
+            return {
+                "max_mm": error,
+                "step_ms": 1e3 * float(np.nanmedian(played.seconds)),
+                "evaluation_us": 1e6 * float(np.nanmedian(cost)),
+            }
+
+        table = {
+            layers: [
+                bench.remembered(f"{layers} layers of {width}, seed {seed}", lambda: measured(layers, seed))
+                for seed in range(repeats)
+            ]
+            for layers in depths
+        }
+    means = {
+        key: [float(np.mean([row[key] for row in table[layers]])) for layers in depths]
+        for key in ("max_mm", "step_ms", "evaluation_us")
+    }
+    figure, ax = new_axes("hidden layers", "largest vertex error, mm", height=3.2)
+    ax.plot(depths, means["max_mm"], color=LATENT, marker="o", label="error")
+    time = ax.twinx()
+    time.set_ylabel("one step, ms", color=INK, fontsize=9.5)
+    time.spines[:].set_visible(False)
+    time.plot(depths, means["step_ms"], color=LINEAR, marker="s")
+    ax.plot([], [], color=LINEAR, marker="s", label="step time (right)")
+    legend(ax)
+    relations = (
+        Relation(
+            "cost of an evaluation, six layers over one", means["evaluation_us"][5] / means["evaluation_us"][0], "> 1"
+        ),
+        Relation("time of a step, six layers over one", means["step_ms"][5] / means["step_ms"][0], "> 1"),
+        Relation("error, two layers over one", means["max_mm"][1] / means["max_mm"][0], "< 1"),
+        Relation("share of the best gain in error that two layers reach", _share_of_gain(means["max_mm"]), ">= 0.5"),
+    )
+    label = "Largest training error and time of a step against the number of hidden layers"
+    return Outcome(to_svg(figure, label), {"layers": list(depths), **means, "runs": table}, relations)
+
+
+def _share_of_gain(errors: list[float]) -> float:
+    """How much of the way from one layer's error to the least one two layers go."""
+    gain = errors[0] - min(errors)
+    return (errors[0] - errors[1]) / gain if gain > 0 else 1.0
+
+
+def latent_and_outer_size(bench: Bench) -> Outcome:
+    """Figure 7: largest training error against r, for several k (beam)."""
+    rs, ks = ((1, 3, 6, 10), (6, 10, 20)) if bench.quick else ((1, 3, 6, 10, 15, 20), (3, 6, 10, 15, 20, 30))
+    epochs, repeats = (300, 1) if bench.quick else (500, 3)
+    with opened(bench.made(bar(bench.quick), "pca")) as run:
+
+        def measured(r: int, k: int, seed: int) -> dict[str, Any]:
+            options = TrainingOptions(epochs=epochs, patience=epochs, seed=seed, balance=EQUATION_7)
+            return {"max_mm": _trained(run, r, k, options)[1]}
+
+        def mean(r: int, k: int) -> float:
+            name = f"r {r}, k {k}, {epochs} epochs, seed "
+            results = [bench.remembered(f"{name}{seed}", lambda: measured(r, k, seed)) for seed in range(repeats)]
+            return float(np.mean([result["max_mm"] for result in results]))
+
+        table = {k: {r: mean(r, k) for r in rs if r <= k} for k in ks}
+        floor = {k: 1e3 * float(run.basis.max_error[k]) for k in ks}
+    figure, ax = new_axes("latent dimension r", "largest vertex error, mm", height=3.4)
+    for i, (k, row) in enumerate(table.items()):
+        shade = 0.35 + 0.65 * i / max(len(table) - 1, 1)
+        ax.plot(list(row), list(row.values()), color=LATENT, alpha=shade, marker="o", label=f"k = {k}")
+        ax.axhline(floor[k], color=LINEAR, alpha=shade, lw=1, ls=(0, (4, 2)))
+    log_scale(ax, "y")
+    legend(ax)
+    label = "Largest training error against the latent dimension; dashed, the floor of PCA with k columns"
+    numbers = {"autoencoder_max_mm": table, "pca_k_max_mm": floor}
+    return Outcome(to_svg(figure, label), numbers, grid_relations(table, floor))
+
+
+def grid_relations(table: dict[int, dict[int, float]], floor: dict[int, float]) -> tuple[Relation, ...]:
+    """The relations of Figure 7 from the errors, k → r → mm, and the floors of PCA, k → mm."""
+    over_floor = min(error / floor[k] for k, row in table.items() for error in row.values())
+    widest = table[max(table)]
+    least_r, most_r = min(widest), max(widest)
+    at_most_r = [row[most_r] for _, row in sorted(table.items()) if most_r in row]
+    first, last = sorted(widest)[:2], sorted(widest)[-2:]
+    early = (widest[first[0]] - widest[first[1]]) / (first[1] - first[0])
+    late = (widest[last[0]] - widest[last[1]]) / (last[1] - last[0])
+    return (
+        Relation("least error over the floor of PCA with the same k", over_floor, ">= 0.95"),
+        Relation(f"error at the largest k, r {most_r} over r {least_r}", widest[most_r] / widest[least_r], "< 0.5"),
+        Relation(f"error at r {most_r}, largest k over smallest", at_most_r[-1] / at_most_r[0], "< 1"),
+        Relation("fall of the error a latent dimension, last step over first", late / early, "< 0.5"),
+    )

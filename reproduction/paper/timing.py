@@ -1,0 +1,118 @@
+"""Table 1 and Figures 12 and 13: latent against linear steps, as the stages of the pipeline time them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ldsim.artefacts.simulation import read_simulation
+from ldsim.report.paper import paper_row
+from ldsim.report.plotting import LATENT, LINEAR, legend, new_axes, to_svg
+from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.paper.reduced_runs import opened, relative_error
+from reproduction.paper.scenes import Configuration, armadillo, bar, cross, elephant
+
+
+@dataclass(frozen=True)
+class Side:
+    """One reduced space of a run on its training motion."""
+
+    dimension: int
+    points: int
+    step_ms: float
+    evaluations: float
+    evaluation_us: float
+    online_error: float
+
+
+def sides(bench: Bench, configuration: Configuration) -> dict[str, Side]:
+    """Space → what its run of the first training motion took, the whole pipeline made where it is not."""
+    folder = bench.made(configuration, "simulate")
+    runs, _ = read_simulation(folder / "simulation.h5")
+    found = {}
+    with opened(folder) as run:
+        motion = run.snapshots.with_role("train")[0]
+        for space, dimension in (("linear", run.model.kp), ("latent", run.model.decoder.r)):
+            played = runs[space][motion]
+            found[space] = Side(
+                dimension,
+                len(run.cubature(space, stepped=True).points),
+                1e3 * float(np.nanmedian(played.seconds)),
+                float(played.evaluations.mean()),
+                1e6 * float(np.nanmedian(played.seconds / np.maximum(played.evaluations, 1))),
+                relative_error(played),
+            )
+    return found
+
+
+def table_one(bench: Bench) -> Outcome:
+    """Table 1: dimensions and step times of x, beam and elephant."""
+    configurations = {"x": cross(bench.quick), "beam": bar(bench.quick), "elephant": elephant(bench.quick)}
+    if bench.quick:
+        del configurations["elephant"]  # the two procedural solids need no data
+    rows = {name: sides(bench, configuration) for name, configuration in configurations.items()}
+    ratios = {name: row["linear"].step_ms / row["latent"].step_ms for name, row in rows.items()}
+    figure, ax = new_axes("", "linear step over latent step", height=3.0)
+    places = np.arange(len(rows))
+    ax.bar(places - 0.2, list(ratios.values()), 0.38, color=LATENT, label="here")
+    paper = [row.speedup for row in map(paper_row, rows) if row is not None]
+    ax.bar(places + 0.2, paper, 0.38, color=LINEAR, alpha=0.6, label="paper")
+    ax.set_xticks(places, list(rows))
+    legend(ax)
+    numbers = {name: {space: asdict(side) for space, side in row.items()} for name, row in rows.items()}
+    relations = table_relations(
+        ratios, {name: (row["latent"].dimension, row["linear"].dimension) for name, row in rows.items()}
+    )
+    label = "Time of a linear step over that of a latent step, here and in the paper"
+    return Outcome(to_svg(figure, label), {"rows": numbers, "ratio": ratios}, relations)
+
+
+def table_relations(ratios: dict[str, float], dimensions: dict[str, tuple[int, int]]) -> tuple[Relation, ...]:
+    """The relations of Table 1 from linear over latent step times, and (r, kp), of each model."""
+    mean = math.exp(sum(math.log(ratio) for ratio in ratios.values()) / len(ratios))
+    smaller = (Relation(f"r over kp, {name}", r / kp, "< 1") for name, (r, kp) in dimensions.items())
+    faster = (Relation(f"linear step over latent step, {name}", ratio, ">= 1") for name, ratio in ratios.items())
+    return (*smaller, *faster, Relation("geometric mean of linear over latent step", mean, ">= 1.21"))
+
+
+def profile(bench: Bench) -> Outcome:
+    """Figure 12: evaluations a step and the cost of one evaluation, linear and latent (armadillo)."""
+    found = sides(bench, armadillo(bench.quick))
+    linear, latent = found["linear"], found["latent"]
+    texts = (f"{side.evaluation_us:.3g} µs each" for side in (linear, latent))
+    figure = _two_bars(linear, latent, (linear.evaluations, latent.evaluations), "evaluations a step", texts)
+    relations = (
+        Relation("evaluations a step, latent over linear", latent.evaluations / linear.evaluations, "< 1"),
+        Relation("cost of an evaluation, latent over linear", latent.evaluation_us / linear.evaluation_us, ">= 1"),
+    )
+    label = "Evaluations a step and the cost of one in the linear and the latent space"
+    return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
+
+
+def armadillo_speed(bench: Bench) -> Outcome:
+    """Figure 13: the armadillo with r = 20 against the linear space of equal training error."""
+    found = sides(bench, armadillo(bench.quick))
+    linear, latent = found["linear"], found["latent"]
+    texts = (f"{side.points} points, error {100 * side.online_error:.3g} %" for side in (linear, latent))
+    figure = _two_bars(linear, latent, (linear.step_ms, latent.step_ms), "median step, ms", texts)
+    relations = (
+        Relation("r over kp", latent.dimension / linear.dimension, "< 1"),
+        Relation("linear step over latent step", linear.step_ms / latent.step_ms, ">= 1.52"),
+        Relation("online error, latent over linear", latent.online_error / linear.online_error, "<= 1.5"),
+    )
+    label = "Time of a step of the armadillo in the linear and the latent space"
+    return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
+
+
+def _two_bars(linear: Side, latent: Side, heights: tuple[float, float], what: str, texts: Iterable[str]) -> Figure:
+    """A bar for the linear and one for the latent space, a text over each."""
+    figure, ax = new_axes("", what, height=3.0)
+    ax.bar([0, 1], heights, 0.5, color=[LINEAR, LATENT])
+    for place, (height, text) in enumerate(zip(heights, texts, strict=True)):
+        ax.annotate(text, (place, height), ha="center", va="bottom", fontsize=9)
+    ax.set_xticks([0, 1], [f"linear, k = {linear.dimension}", f"latent, r = {latent.dimension}"])
+    return figure

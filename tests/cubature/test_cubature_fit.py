@@ -1,0 +1,194 @@
+"""The fit: what it promises of every set, and problems whose answer is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from ldsim.cubature.fit import fit
+from ldsim.cubature.forces import ProjectedForces
+from ldsim.cubature.goal import Goal
+from ldsim.cubature.ladder import CubatureFit, CubatureSet, relative_error, relative_errors
+from ldsim.errors import SolverError
+from tests.cubature.cubature_problems import (
+    GivenColumns,
+    Problem,
+    beam_scene,
+    latent_problem,
+    linear_problem,
+)
+
+TOLERANCE = 0.05
+
+
+PROBLEMS: dict[str, Callable[[], Problem]] = {
+    "linear tet4": lambda: linear_problem(beam_scene((8, 3, 3), "tet4"), k=8, count=30),
+    "latent tet4": lambda: latent_problem(beam_scene((8, 3, 3), "tet4"), r=4, k=10, count=30),
+    "latent hex8": lambda: latent_problem(beam_scene((4, 2, 2), "hex8"), r=4, k=10, count=30),
+}
+
+
+@cache
+def forces_of(name: str) -> ProjectedForces:
+    p = PROBLEMS[name]()
+    return ProjectedForces(p.scene, p.U, p.decoder, p.z)
+
+
+@cache
+def fitted(name: str, volume_weight: float = 0.3) -> CubatureFit:
+    return fit(forces_of(name), Goal(TOLERANCE, 100, volume_weight))
+
+
+@pytest.fixture(params=PROBLEMS)
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_every_point_with_its_full_weight_has_no_error(name: str) -> None:
+    forces = forces_of(name)
+    whole = CubatureSet(np.arange(forces.n_points), forces.point_weights, 0.0)
+    assert relative_error(forces, whole) < 1e-13
+    half = CubatureSet(whole.points, 0.5 * whole.weights, 0.0)
+    assert relative_error(forces, half) == pytest.approx(0.5)
+
+
+def test_the_tolerance_is_met_with_a_small_part_of_the_points(name: str) -> None:
+    best = fitted(name).best
+    assert fitted(name).met
+    assert relative_error(forces_of(name), best) <= TOLERANCE
+    assert len(best.points) <= 0.15 * forces_of(name).n_points
+
+
+def test_the_ladder_climbs_to_the_best_set_with_positive_weights_and_true_errors(name: str) -> None:
+    ladder = fitted(name).ladder
+    assert ladder[-1] is fitted(name).best
+    assert len(ladder[0].points) <= 2
+    assert (np.diff([len(rung.points) for rung in ladder]) > 0).all()
+    assert (np.diff([rung.training_error for rung in ladder]) < 0).all()
+    for rung in ladder:
+        assert (rung.weights > 0).all()
+        assert (np.diff(rung.points) > 0).all()
+        assert rung.training_error == pytest.approx(relative_error(forces_of(name), rung), abs=1e-10)
+
+
+@pytest.mark.parametrize("tolerance", [0.4, 0.2, 0.15, 0.1, 0.07, 0.03])
+def test_the_best_set_is_the_smallest_of_the_ladder_that_meets_the_tolerance(name: str, tolerance: float) -> None:
+    found = fit(forces_of(name), Goal(tolerance, 100))
+    assert found.best.training_error <= tolerance
+    assert all(rung.training_error > tolerance for rung in found.ladder[:-1])
+
+
+def test_scipys_nnls_finds_the_same_weights_on_the_points_chosen(name: str) -> None:
+    forces, best = forces_of(name), fitted(name, 0.0).best
+    multipliers, residual = nnls(forces.columns(best.points), forces.target)
+    assert np.allclose(multipliers * forces.point_weights[best.points], best.weights, rtol=1e-6)
+    assert residual / np.linalg.norm(forces.target) == pytest.approx(best.training_error, rel=1e-8)
+
+
+def test_a_heavy_volume_row_makes_the_weights_sum_to_the_volume(name: str) -> None:
+    volume = forces_of(name).point_weights.sum()
+    free, bound = fitted(name, 0.0).best.weights.sum(), fitted(name, 10.0).best.weights.sum()
+    assert abs(bound - volume) < 1e-3 * volume < abs(free - volume)
+
+
+def test_held_out_poses_are_integrated_nearly_as_well() -> None:
+    p = PROBLEMS["linear tet4"]()
+    held_out = ProjectedForces(p.scene, p.U, p.decoder, p.held_out)
+    assert relative_error(held_out, fitted("linear tet4").best) < 3 * TOLERANCE
+
+
+def test_an_exact_small_set_is_found_where_all_points_are_copies_of_a_few() -> None:
+    rng = np.random.default_rng(0)
+    few = rng.standard_normal((60, 7))
+    origin = rng.permutation(np.repeat(np.arange(7), 30))
+    copies = few[:, origin] * rng.uniform(0.5, 2.0, len(origin))
+    problem = GivenColumns(copies, rng.uniform(1.0, 2.0, len(origin)))
+    found = fit(problem, Goal(1e-6, 50, 0.0))
+    assert found.met
+    assert sorted(origin[found.best.points]) == list(range(7))
+
+
+def test_a_greedy_choice_that_a_pair_makes_superfluous_is_taken_out_again() -> None:
+    # Columns 0 and 1 sum to the target; column 2 points closest to it and so is chosen first.
+    a, b, noise = np.eye(3)
+    first = (a + b) / np.sqrt(2) + 0.3 * noise
+    A = np.stack([a, b, 0.9 * first, -0.9 * first], axis=1)
+    problem = GivenColumns(A, np.ones(4))
+    found = fit(problem, Goal(1e-6, 4, 0.0))
+    assert found.ladder[0].points.tolist() == [2]
+    assert found.best.points.tolist() == [0, 1]
+    assert np.allclose(found.best.weights, 1.0)
+
+
+def test_exchanges_lower_the_error_of_as_many_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    exchanged = fit(forces_of("linear tet4"), Goal(1e-4, 12))
+    monkeypatch.setattr("ldsim.cubature.exchange.EXCHANGES", 0)
+    greedy = fit(forces_of("linear tet4"), Goal(1e-4, 12))
+    assert len(greedy.best.points) == len(exchanged.best.points) == 12
+    assert exchanged.best.training_error < 0.95 * greedy.best.training_error
+
+
+@pytest.mark.parametrize("limit", [1, 5])
+def test_the_limit_of_points_holds_and_the_miss_is_told(limit: int) -> None:
+    found = fit(forces_of("linear tet4"), Goal(1e-4, limit))
+    assert not found.met
+    assert len(found.best.points) <= limit
+    assert found.best.training_error == min(rung.training_error for rung in found.ladder)
+
+
+def test_progress_tells_falling_errors_while_points_are_added() -> None:
+    told: list[tuple[int, float]] = []
+    goal = Goal(TOLERANCE, 100, 0.0)
+    fit(forces_of("linear tet4"), goal, progress=lambda points, error: told.append((points, error)))
+    grown = next(i for i, (_, error) in enumerate(told) if error <= TOLERANCE) + 1
+    errors = [error for _, error in told[:grown]]
+    assert told[0][0] == 1
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"tolerance": 0.0}, "tolerance is 0"),
+        ({"tolerance": -1.0}, "tolerance is -1"),
+        ({"tolerance": float("nan")}, "tolerance is nan"),
+        ({"max_points": 0}, "max_points is 0"),
+        ({"volume_weight": -0.1}, "volume_weight is -0.1"),
+        ({"volume_weight": float("inf")}, "volume_weight is inf"),
+    ],
+)
+def test_a_setting_out_of_range_is_refused(options: dict[str, float], words: str) -> None:
+    settings = {"tolerance": 0.1, "max_points": 10, "volume_weight": 0.0} | options
+    with pytest.raises(SolverError, match=words):
+        Goal(**settings)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("points", "weights", "words"),
+    [
+        ([0, 1], [1.0], "shape"),
+        ([0, 1], [1.0, 0.0], "must be positive"),
+        ([0, 1], [1.0, -2.0], "must be positive"),
+        ([0], [np.nan], "must be positive"),
+        ([3, 3], [1.0, 1.0], "twice"),
+    ],
+)
+def test_a_set_that_is_no_quadrature_rule_is_refused(points: list[int], weights: list[float], words: str) -> None:
+    with pytest.raises(SolverError, match=words):
+        CubatureSet(np.array(points), np.array(weights), 0.0)
+
+
+def test_the_errors_of_many_sets_are_those_of_each() -> None:
+    forces, ladder = forces_of("latent tet4"), fitted("latent tet4").ladder
+    one_by_one = [relative_error(forces, rung) for rung in ladder]
+    assert np.allclose(relative_errors(forces, ladder), one_by_one, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("point", [-1, 10**6])
+def test_a_set_of_another_scene_is_refused(point: int) -> None:
+    with pytest.raises(SolverError, match="the scene it was fitted on"):
+        relative_error(forces_of("latent tet4"), CubatureSet(np.array([point]), np.ones(1), 0.0))

@@ -1,0 +1,199 @@
+"""Full-space stepping: closed forms of implicit Euler, beams, energy, interruption."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from ldsim.dynamics.full.potential import IncrementalPotential
+from ldsim.dynamics.full.stepper import FullState, FullStepper, run
+from ldsim.errors import MotionError, SolverError
+from ldsim.mechanics.elastic import elastic_energy
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.motion import Drag, Grab, GrabTracker, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.mesh.shapes import beam
+from tests.helpers import bent, derivative_order, order, scene
+
+Array = NDArray[np.float64]
+STILL = (0.0, 0.0, 0.0)
+
+
+def free_stiffness(body: Scene) -> Array:
+    pattern = StiffnessPattern(body.points.nodes, body.free, body.mesh.n_vertices)
+    rest = np.zeros_like(body.mesh.vertices)
+    dense: Array = pattern.matrix(pattern.stiffness_blocks(body.elements, rest, clamp=False)).toarray()
+    return dense
+
+
+def tip(body: Scene) -> NDArray[np.int64]:
+    """The vertices farthest from the pinned end."""
+    x = body.mesh.vertices[:, 0]
+    return np.flatnonzero(x > x.max() - 1e-9)
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
+def test_the_incremental_potential_has_the_gradient_it_says(material: str, cell_type: str) -> None:
+    # every term of the same size, so that none hides behind another
+    mesh = beam(0.4, 0.1, 0.1, 2, cell_type)
+    body = scene(mesh, material, 10.0, density=0.1, gravity=(0.0, -5e3, 1e3), time_step=0.05)
+    rng = np.random.default_rng(0)
+    predictor, d = 0.1 * rng.normal(size=body.mesh.vertices.shape), rng.normal(size=body.mesh.vertices.shape)
+    d[body.pinned] = 0
+    grabs = [Grab(tip(body)[:3], np.array([0.1, 0.3, -0.2]), 5.0), Grab(tip(body)[2:4], np.zeros(3), 2.0)]
+    potential = IncrementalPotential(body, predictor, grabs)
+
+    def slope(x: Array) -> float:
+        g = np.full(x.size, np.nan)
+        potential.value_gradient(x, g)
+        assert not g.reshape(-1, 3)[body.pinned].any()
+        return float(g @ d.ravel())
+
+    value = lambda x: potential.value_gradient(x, np.empty(x.size))  # noqa: E731
+    assert derivative_order(value, slope, bent(body.mesh).ravel(), d.ravel(), 0.05) == pytest.approx(2, abs=0.1)
+
+
+def test_a_body_too_soft_to_matter_falls_freely_far_from_its_pins() -> None:
+    body = scene(beam(2.0, 0.1, 0.1, 1), "linear", youngs_modulus=1e-8, gravity=(0.0, -9.81, 2.0))
+    stepper, state = FullStepper(body, tolerance=1e-12), FullState.at_rest(body.mesh.n_vertices)
+    for n in range(1, 6):
+        state, solution = stepper.step(state, [])
+        assert solution.converged
+        fallen = np.array([0.0, -9.81, 2.0]) * body.time_step**2 * n * (n + 1) / 2
+        np.testing.assert_allclose(state.u[tip(body)], np.tile(fallen, (4, 1)), atol=1e-8 * np.abs(fallen).max())
+
+
+@pytest.mark.parametrize("mode", [0, 1, 4])
+def test_an_eigenmode_decays_by_the_recursion_of_implicit_euler(mode: int) -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 1), "linear", gravity=STILL, time_step=0.03)
+    mass = np.kron(body.mass.toarray()[np.ix_(body.free, body.free)], np.eye(3))
+    squares, modes = eigh(free_stiffness(body), mass)
+    shape = np.zeros_like(body.mesh.vertices)
+    shape[body.free] = modes[:, mode].reshape(-1, 3)
+    damping = 1 + body.time_step**2 * squares[mode]
+    assert damping > 1.05
+    q, q_before = 1e-2, 1e-2
+    stepper = FullStepper(body, tolerance=1e-11)
+    state = replace(FullState.at_rest(body.mesh.n_vertices), u=q * shape, u_previous=q_before * shape)
+    for _ in range(8):
+        state, _ = stepper.step(state, [])
+        q, q_before = (2 * q - q_before) / damping, q
+        np.testing.assert_allclose(state.u, q * shape, atol=1e-7 * 1e-2 * np.abs(shape).max())
+
+
+def hanging_tip(resolution: int) -> float:
+    """The tip's static deflection of a cantilever, metres: one step of a time so long that inertia is nothing."""
+    mesh = beam(1.0, 0.1, 0.1, resolution, "hex8")
+    body = scene(mesh, "linear", youngs_modulus=1e6, poisson_ratio=0.0, time_step=1e6)
+    state, solution = FullStepper(body, tolerance=1e-9).step(FullState.at_rest(mesh.n_vertices), [])
+    assert solution.converged
+    return float(state.u[tip(body), 1].mean())
+
+
+def test_a_cantilever_hangs_as_timoshenko_says_with_an_error_that_falls_with_the_square_of_the_cell() -> None:
+    # w = q L⁴ / 8 E I + q L² / 2 κ G A with κ = 5/6 (10 (1 + ν)/(12 + 11 ν) at ν = 0, Cowper 1966), G = E/2.
+    side, length, E = 0.1, 1.0, 1e6
+    load = -1000 * 9.81 * side**2
+    bending = load * length**4 / (8 * E * side**4 / 12)
+    shear = load * length**2 / (2 * 5 / 6 * E / 2 * side**2)
+    resolutions = np.array([1, 2, 4])
+    errors = [abs(hanging_tip(r) / (bending + shear) - 1) for r in resolutions]
+    assert order(errors, 1 / resolutions) == pytest.approx(2, abs=0.3)
+    assert errors[-1] < 0.05
+
+
+def test_without_forcing_the_energy_never_grows_and_the_solid_comes_to_rest() -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 2), "neo_hookean", gravity=STILL)
+    start = bent(body.mesh, noise=0.0)
+    start[body.pinned] = 0
+    start *= np.minimum(body.mesh.vertices[:, :1] / 0.4, 1)
+    stepper = FullStepper(body, tolerance=1e-8)
+    state = replace(FullState.at_rest(body.mesh.n_vertices), u=start, u_previous=start)
+    energies = [elastic_energy(body.elements, start)]
+    for _ in range(40):
+        state, solution = stepper.step(state, [])
+        assert solution.converged
+        velocity = (state.u - state.u_previous) / body.time_step
+        energies.append(elastic_energy(body.elements, state.u) + 0.5 * np.vdot(velocity, body.mass @ velocity))
+    assert max(np.diff(energies)) <= 0
+    assert energies[-1] < 0.05 * energies[0]
+
+
+def test_pinned_vertices_do_not_move_and_the_given_state_is_left_alone() -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 2, "hex8"))
+    start = FullState.at_rest(body.mesh.n_vertices)
+    state, _ = FullStepper(body).step(start, [])
+    assert not state.u[body.pinned].any()
+    assert state.u[body.free].any()
+    assert not start.u.any()
+
+
+def pulled() -> tuple[Scene, Motion]:
+    body = scene(beam(0.4, 0.1, 0.1, 2), "neo_hookean", youngs_modulus=2e4)
+    targets = np.array([0.4, 0.0, 0.0]) + np.linspace(0, 1, 12)[:, None] * [-0.15, 0.3, 0.1]
+    return body, Motion("pull", 16, (Drag(2, np.array([0.4, 0.0, 0.0]), targets, 0.06, 500.0),))
+
+
+def test_a_run_interrupted_and_resumed_repeats_the_undisturbed_one_bit_for_bit() -> None:
+    body, motion = pulled()
+    rest, movable, n = body.mesh.vertices, body.movable, body.mesh.n_vertices
+    stepper, tracker = FullStepper(body, factor_cost=3), GrabTracker(motion, rest, movable)
+    states = [state for _, state, _ in run(stepper, tracker, FullState.at_rest(n), range(16))]
+    assert stepper.factorisations > 2, "the resumed run must cross a factorisation, or this shows little"
+    for frame in (1, 5, 11):
+        saved = states[frame]
+        copy = FullState(
+            saved.u.copy(), saved.u_previous.copy(), saved.u_factor.copy(), saved.fresh_iterations, saved.excess
+        )
+        held = {i: vertices.copy() for i, vertices in tracker.held.items() if motion.drags[i].start <= frame}
+        again = GrabTracker(motion, rest, movable, held)
+        resumed = list(run(FullStepper(body, factor_cost=3), again, copy, range(frame + 1, 16)))
+        for later, state, _ in resumed:
+            np.testing.assert_array_equal(state.u, states[later].u)
+            assert (state.fresh_iterations, state.excess) == (states[later].fresh_iterations, states[later].excess)
+
+
+def test_the_result_of_a_step_does_not_depend_on_where_the_factor_was_made() -> None:
+    body, motion = pulled()
+    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
+    ends = []
+    for factor_cost in (1, 1000):
+        stepper = FullStepper(body, tolerance=1e-9, factor_cost=factor_cost)
+        *_, (_, state, _) = run(stepper, tracker, FullState.at_rest(body.mesh.n_vertices), range(10))
+        ends.append(state.u)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
+
+
+def test_a_strong_grab_takes_the_held_centroid_to_its_target() -> None:
+    body, _ = pulled()
+    held, target = tip(body), np.array([0.35, 0.1, 0.0])
+    stepper, state = FullStepper(body), FullState.at_rest(body.mesh.n_vertices)
+    for _ in range(30):
+        state, _ = stepper.step(state, [Grab(held, target, 1e6)])
+    np.testing.assert_allclose((body.mesh.vertices + state.u)[held].mean(axis=0), target, atol=1e-4)
+
+
+def test_a_grab_that_hits_no_vertex_stops_the_run_and_says_so() -> None:
+    body, motion = pulled()
+    lost = Motion("lost", 5, (replace(motion.drags[0], point=np.array([40.0, 0.0, 0.0])),))
+    tracker = GrabTracker(lost, body.mesh.vertices, body.movable)
+    frames = run(FullStepper(body), tracker, FullState.at_rest(body.mesh.n_vertices), range(5))
+    with pytest.raises(MotionError, match="the grab at frame 2 hits no vertex"):
+        list(frames)
+
+
+def test_a_run_from_an_inverted_state_is_refused_and_names_the_frame() -> None:
+    body, motion = pulled()
+    inverted = -2.0 * body.mesh.vertices * [1, 0, 0]
+    state = FullState(inverted, inverted, np.zeros_like(inverted))
+    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
+    with pytest.raises(
+        SolverError, match=r"frame 0: the starting point has infinite energy; cell \d+, at rest .* \(det F = -1\)"
+    ):
+        list(run(FullStepper(body), tracker, state, range(3)))

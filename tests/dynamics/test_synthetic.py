@@ -1,0 +1,116 @@
+"""Rehearsal: a motion run in the linear space ends where the full space does, and a lost run keeps what it had."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse import eye_array, kron
+
+from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
+from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from tests.helpers import scene
+
+Array = NDArray[np.float64]
+K = 14
+
+
+@pytest.fixture(scope="module")
+def body() -> Scene:
+    return scene(beam(0.4, 0.1, 0.1, 2), "neo_hookean", 1e5, gravity=(0.0, -9.8, 0.0), time_step=0.01)
+
+
+def pulled(body: Scene, seed: int) -> Motion:
+    return random_pulls("pulls", body.mesh.vertices[body.movable], 3, seed, 0.08, 40.0, 0.03, 12, 10)
+
+
+@pytest.fixture(scope="module")
+def frames(body: Scene) -> Array:
+    """The full-space run of the pulls of seed 1, (N, 3n)."""
+    motion = pulled(body, 1)
+    stepper, state = FullStepper(body, tolerance=1e-9), FullState.at_rest(body.mesh.n_vertices)
+    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
+    result = []
+    for frame in range(motion.frames):
+        state, _ = stepper.step(state, tracker.grabs(frame, state.u))
+        result.append(state.u.ravel())
+    return np.array(result)
+
+
+@pytest.fixture(scope="module")
+def space(body: Scene, frames: Array) -> tuple[Array, Array, ReducedStepper]:
+    """A basis, orthonormal in mass, the coordinates of the frames in it, and the stepper of a rehearsal."""
+    mass = kron(body.mass, eye_array(3)).tocsr()
+    values, vectors = np.linalg.eigh(frames @ (mass @ frames.T))
+    U = np.ascontiguousarray(frames.T @ vectors[:, -K:] / np.sqrt(values[-K:]))[:, ::-1].copy()
+    q = (mass @ frames.T).T @ U
+    return U, q, rehearsal_stepper(body, U, q, seed=0)
+
+
+def test_a_training_motion_is_rehearsed_as_the_full_space_ran_it(
+    body: Scene, space: tuple[Array, Array, ReducedStepper]
+) -> None:
+    _, q, stepper = space
+    told: list[int] = []
+    again = rehearse(stepper, body, pulled(body, 1), lambda: told.append(1))
+    assert again.shape == q.shape
+    assert len(told) == len(q)
+    assert np.linalg.norm(again - q) < 0.05 * np.linalg.norm(q)
+
+
+def test_another_motion_gives_other_poses(body: Scene, space: tuple[Array, Array, ReducedStepper]) -> None:
+    _, q, stepper = space
+    other = rehearse(stepper, body, pulled(body, 2), lambda: None)
+    assert np.linalg.norm(other - q) > 0.2 * np.linalg.norm(q)
+
+
+def test_gravity_of_the_motion_is_the_gravity_of_the_rehearsal(
+    body: Scene, space: tuple[Array, Array, ReducedStepper]
+) -> None:
+    *_, stepper = space
+    hanging = rehearse(stepper, body, Motion("hang", 20), lambda: None)
+    still = rehearse(stepper, body, replace(Motion("float", 20), gravity=np.zeros((20, 3))), lambda: None)
+    assert np.linalg.norm(hanging[-1]) > 1e-3
+    assert np.linalg.norm(still) < 1e-9
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_each_part_starts_at_rest_whatever_the_threads(
+    body: Scene, space: tuple[Array, Array, ReducedStepper], threads: int
+) -> None:
+    *_, stepper = space
+    motion = pulled(body, 1)
+    told: list[int] = []
+    q = rehearse(stepper, body, motion, lambda: told.append(1), part=22, threads=threads)
+    assert len(q) == len(told) == motion.frames == 66
+    np.testing.assert_array_equal(q[:22], rehearse(stepper, body, motion.first(22), lambda: None))
+    for drag in range(3):
+        own = replace(motion.drags[drag], start=0)
+        alone = rehearse(stepper, body, Motion("alone", 22, (own,)), lambda: None)
+        np.testing.assert_array_equal(q[22 * drag : 22 * drag + 22], alone)
+
+
+def test_a_lost_run_keeps_the_frames_before(
+    body: Scene, space: tuple[Array, Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    *_, stepper = space
+    good = rehearse(stepper, body, Motion("hang", 6), lambda: None)
+    step, count = stepper.step, iter(range(100))
+
+    def lost(*given: Any) -> object:
+        state, solution = step(*given)
+        if next(count) == 4:
+            state.q[:] = np.nan
+        return state, solution
+
+    monkeypatch.setattr(stepper, "step", lost)
+    kept = rehearse(stepper, body, Motion("hang", 6), lambda: None)
+    np.testing.assert_array_equal(kept, good[:4])

@@ -1,0 +1,54 @@
+"""Cautions: each arises from its cause and from nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from ldsim.report.cautions import cautions
+from tests.report.example_report import example_report
+
+
+def harmless_report():
+    report = example_report()
+    report["reconstruction"]["heldout"]["autoencoder"]["max_mm"] = 5.0
+    for space in ("linear", "latent"):
+        for run in report["simulate"][space]:
+            run["online_error"]["relative"] = 0.02
+    return report
+
+
+def test_a_good_run_gives_none():
+    assert cautions(harmless_report(), cubature_tolerance=0.1) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "expected"),
+    [
+        (("simulate", "linear", 0, "diverged"), True, "linear run of motion x_2 diverged"),
+        (("simulate", "latent", 1, "online_error", "relative"), 0.3313, "33.1 %"),
+        (("cubature", "linear", "relative_error", "train"), 0.384, "stopped at a relative error of 0.384; 0.1 was"),
+        (("speedup", "latent_over_linear"), 0.4, "takes 2.50 times as long as a step in the linear"),
+        (("reconstruction", "heldout", "autoencoder", "max_mm"), 27.0, "up to 27.0 mm, against 4.01 mm"),
+    ],
+)
+def test_each_cause_gives_its_own(path, value, expected):
+    report = harmless_report()
+    parent = report
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[path[-1]] = value
+    (caution,) = cautions(report, cubature_tolerance=0.1)
+    assert expected in caution
+
+
+def test_a_large_error_on_a_training_motion_is_no_held_out_caution():
+    report = harmless_report()
+    report["simulate"]["latent"][0]["online_error"]["relative"] = 0.5
+    assert cautions(report) == []
+
+
+def test_what_was_not_measured_gives_none():
+    report = harmless_report()
+    report["reconstruction"]["heldout"] = report["cubature"]["latent"] = None
+    report["simulate"]["latent"][1]["online_error"] = None
+    assert cautions(report, cubature_tolerance=0.1) == []

@@ -1,0 +1,193 @@
+"""Several runs side by side: what is read, which numbers stand for a run, and the page that shows them."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ldsim.errors import ArtefactError
+from ldsim.report.compare_figures import figures
+from ldsim.report.compare_page import render_comparison
+from ldsim.report.compare_runs import Reported, comparison, read_runs, record
+from ldsim.report.plotting import SPACE_COLOURS
+from tests.report.example_report import example_report
+from tests.report.test_page import LOADING_ATTRIBUTES, Outline, numbers_of
+
+WHEN = "2030-04-05T06:07:08Z"
+
+
+def run_of(name: str, **changes: Any) -> Reported:
+    return Reported(name, Path("runs", name), example_report() | {"experiment": name} | changes)
+
+
+def compared(*runs: Reported) -> dict[str, Any]:
+    return comparison(runs, WHEN, [f"{run.name}/report.html" for run in runs])
+
+
+def page_of(*runs: Reported) -> str:
+    content = compared(*runs)
+    return render_comparison(runs, content, figures(content["runs"]))
+
+
+def with_run(space: str, **changes: Any) -> dict[str, Any]:
+    """The simulations of the example with one more run of a space, on another held-out motion."""
+    simulate = example_report()["simulate"]
+    like = next(run for run in simulate[space] if run["role"] == "heldout")
+    return simulate | {space: [*simulate[space], like | {"motion": "x_3"} | changes]}
+
+
+def error(relative: float) -> dict[str, float]:
+    return {"relative": relative, "windowed": relative / 2, "max_mm": 1.0, "mean_mm": 0.5}
+
+
+def test_a_record_holds_the_report_s_own_numbers():
+    found = record(run_of("x"))
+    assert (found["k"], found["r"], found["kp"], found["cells"]) == (60, 10, 37, 29687)
+    assert found["points"] == {"linear": 366, "latent": 69}
+    assert found["cubature_error"]["latent"] == {"train": 0.0497, "heldout": 0.1123}
+    assert found["motion"] == "x_2" and found["step_ms"] == {"full": 131.9, "linear": 4.09, "latent": 0.243}
+    assert found["online"]["train"]["latent"]["relative"] == 0.0826
+    assert found["online"]["heldout"]["linear"]["relative"] == 0.2104
+    assert found["online"]["train"]["linear"] is None
+    assert found["paper"]["latent_ms"] == 4.6 and record(run_of("torus"))["paper"] is None
+
+
+@pytest.mark.parametrize(("relative", "motion"), [(0.9, "x_3"), (0.1, "x_2")])
+def test_the_worst_motion_of_a_role_stands_for_it(relative, motion):
+    found = record(run_of("x", simulate=with_run("latent", online_error=error(relative))))
+    assert found["online"]["heldout"]["latent"]["motion"] == motion
+
+
+def test_no_error_is_worse_than_a_run_that_diverged():
+    simulate = with_run("latent", online_error=None, diverged=True)
+    found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
+    assert (found["motion"], found["diverged"], found["relative"]) == ("x_3", True, None)
+    assert page_of(run_of("x", simulate=simulate)).count('class="bad"') == 2
+
+
+def test_a_motion_without_a_full_space_run_does_not_stand_for_the_others():
+    found = record(run_of("x", simulate=with_run("latent", online_error=None)))
+    assert found["online"]["heldout"]["latent"]["motion"] == "x_2"
+
+
+def test_trust_is_that_of_the_worst_run():
+    trust = {"median": 1.0, "threshold": 2.0, "distrusted": 0.25, "rank_correlation": 0.1}
+    trust["rank_correlation_remembered"] = 0.61
+    simulate = with_run("latent", online_error=error(0.8), trust=trust)
+    found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
+    assert (found["distrusted"], found["rank_correlation_remembered"]) == (0.25, 0.61)
+
+
+def test_each_warning_names_its_run_and_stands_before_every_table():
+    runs = (run_of("x"), run_of("beam", warnings=["the solid has left the building"]))
+    assert compared(*runs)["warnings"] == [
+        "x: On motion x_2 the latent run is far away.",
+        "beam: the solid has left the building",
+    ]
+    page = page_of(*runs)
+    assert page.index("left the building") < min(page.index("<table"), page.index("<svg"))
+    assert "No warnings" in page_of(run_of("x", warnings=[]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"cpu": "another"}, "different processors, so their step times do not compare: a processor, 3 cores (x)"),
+        ({"cores": 64}, "a processor, 64 cores (beam)"),
+        ({"versions": {"ldsim": "0.2.0"}}, "different versions of ldsim: 0.1.0 (x); 0.2.0 (beam)"),
+    ],
+)
+def test_runs_that_hardly_compare_come_with_a_warning(change, words):
+    machine = example_report()["machine"]
+    assert words in compared(run_of("x"), run_of("beam", machine=machine | change))["warnings"][0]
+    assert not any("different" in text for text in compared(run_of("x"), run_of("beam"))["warnings"])
+
+
+def test_the_page_is_whole_and_loads_nothing():
+    outline = Outline(page_of(run_of("x"), run_of("torus")))
+    loaded = [value for tag, name, value in outline.attributes if name in LOADING_ATTRIBUTES and tag != "a"]
+    assert all(value.startswith("#") for value in loaded)
+    assert not any(tag in ("link", "iframe", "img") for tag, _, _ in outline.attributes)
+    ids = [value for _, name, value in outline.attributes if name == "id"]
+    assert ids and len(ids) == len(set(ids))
+
+
+def test_every_run_links_to_its_report():
+    links = Outline(page_of(run_of("x"), run_of("torus"))).values("a", "href")
+    assert set(links) == {"x/report.html", "torus/report.html"}
+
+
+def test_every_number_of_the_comparison_is_on_the_page():
+    run = run_of("torus")
+    shown = set(map(float, Outline(page_of(run)).values("data", "value")))
+    (numbers,) = compared(run)["runs"]
+    for space in ("linear", "latent"):  # shown for held-out motions only
+        (numbers["online"]["train"][space] or {}).pop("windowed", None)
+    assert set(numbers_of(numbers)) <= shown
+
+
+def test_the_paper_s_row_follows_the_run_of_the_same_object():
+    heads = [text for text in Outline(page_of(run_of("torus"), run_of("beam"))).texts if "(paper)" in text]
+    assert heads == ["beam (paper)"]
+
+
+def test_hostile_names_are_shown_and_not_run():
+    hostile = "<script>alert('x')</script>\"&"
+    page = page_of(run_of(hostile, warnings=[hostile]))
+    assert page.count("<script") == page_of(run_of("x")).count("<script") and hostile in "".join(Outline(page).texts)
+
+
+def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
+    drawn = figures(compared(run_of("x"), run_of("beam"))["runs"])
+    coloured = "|".join(SPACE_COLOURS.values())
+    marks = {name: len(re.findall(f"<use [^>]*(?:{coloured})", svg)) for name, svg in drawn.items()}
+    assert marks == {"error_against_time": 2 * 3 + 3, "online_errors": 2 * 3 + 3, "step_times": 2 * 3 + 3}
+    assert all(svg.count('class="ldsim-curve"') == 3 for svg in drawn.values())
+    hollow = {name: svg.count("fill-opacity: 0; stroke: #d55e00") for name, svg in drawn.items()}
+    assert hollow == {"error_against_time": 2 + 1, "online_errors": 2 + 1, "step_times": 0}  # training, latent
+
+
+def test_runs_that_simulated_nothing_have_a_page_without_figures():
+    nothing = {"simulate": {"full": [], "linear": [], "latent": []}, "cubature": {"latent": None, "linear": None}}
+    page = page_of(run_of("x", **nothing, stages={}), run_of("torus", **nothing, stages={}))
+    assert Outline(page) and "<svg" not in page
+
+
+# Reading
+
+
+def write(folder: Path, content: str | None = None, **changes: Any) -> Path:
+    (folder / "report").mkdir(parents=True)
+    text = json.dumps(example_report() | changes) if content is None else content
+    (folder / "report" / "report.json").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_runs_of_one_experiment_are_told_apart_by_their_folders(tmp_path):
+    a, b, c = write(tmp_path / "a"), write(tmp_path / "b"), write(tmp_path / "c", experiment="beam")
+    assert [run.name for run in read_runs([a, b, c])] == [str(a), str(b), "beam"]
+
+
+def test_bad_runs_are_named_with_what_to_do(tmp_path):
+    good, bare = write(tmp_path / "good"), tmp_path / "bare"
+    bare.mkdir()
+    file = tmp_path / "file"
+    file.touch()
+    old = example_report()
+    del old["warnings"], old["dims"]["kp"]
+    for folder, words in (
+        (tmp_path / "none", "none does not exist or is no folder; expected one such as runs/demo"),
+        (file, "file does not exist or is no folder"),
+        (bare, "report.json does not exist; run `ldsim report CONFIG`"),
+        (write(tmp_path / "cut", '{"experiment": "x"'), "report.json cannot be read"),
+        (write(tmp_path / "old", json.dumps(old)), "warnings is missing (and 1 more); run `ldsim report CONFIG`"),
+        (write(tmp_path / "list", "[]"), "is not what this version of ldsim writes"),
+        (tmp_path / "good" / ".." / "good", "is given 2 times; give each run once"),
+    ):
+        with pytest.raises(ArtefactError) as caught:
+            read_runs([good, folder])
+        assert words in str(caught.value)

@@ -1,0 +1,194 @@
+"""The page: whole, balanced, escaped, self-contained, and with every number of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.report.figures import StepTime, singular_values, step_times
+from ldsim.report.html import VOID, number, readable
+from ldsim.report.page import render_page
+from ldsim.report.paper import PAPER_TABLE_1
+from tests.report.example_report import example_report
+
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
+WEBP = b"RIFF\x00\x00\x00\x00WEBP" + bytes(8)
+LOADING_ATTRIBUTES = ("src", "href", "xlink:href", "srcset", "data", "action", "poster")
+
+
+class Outline(HTMLParser):
+    """Collects tags, texts, exact values and ids, and refuses tags that do not close in order."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.texts: list[str] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+    def values(self, tag: str, attribute: str) -> list[str]:
+        return [value for where, name, value in self.attributes if (where, name) == (tag, attribute)]
+
+
+def numbers_of(value: Any) -> Iterator[float]:
+    if isinstance(value, dict | list):
+        for child in value.values() if isinstance(value, dict) else value:
+            yield from numbers_of(child)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
+
+
+def page_of(report: dict[str, Any], warnings: tuple[str, ...] = ()) -> str:
+    figures = {
+        "step_times": step_times({"full": StepTime(100.0, 120.0), "latent": StepTime(0.25, 0.3)}),
+        "singular_values": singular_values(np.array([3.0, 2.0, 1.0])),
+        "something_else": singular_values(np.array([5.0, 1.0])),
+    }
+    return render_page(report, figures, {"still": PNG, "motion": WEBP}, warnings)
+
+
+def test_every_tag_closes_in_order():
+    assert "html" in page_of(example_report()) and Outline(page_of(example_report(), ("careful",)))
+
+
+def test_nothing_is_loaded_from_elsewhere():
+    outline = Outline(page_of(example_report()))
+    loaded = [value for _, name, value in outline.attributes if name in LOADING_ATTRIBUTES]
+    assert loaded and all(value.startswith(("#", "data:image/")) for value in loaded)
+    assert not any(tag in ("link", "iframe") for tag, _, _ in outline.attributes)
+    page = page_of(example_report())
+    assert "@import" not in page and "fetch(" not in page and "XMLHttpRequest" not in page
+    assert page.count("url(") == page.count("url(#")
+
+
+def test_identifiers_are_unique_though_figures_share_a_page():
+    ids = [value for _, name, value in Outline(page_of(example_report())).attributes if name == "id"]
+    assert ids and len(ids) == len(set(ids))
+
+
+def test_every_number_of_the_report_is_there_exactly():
+    report = example_report()
+    exact = set(map(float, Outline(page_of(report)).values("data", "value")))
+    assert set(numbers_of(report)) <= exact
+
+
+def test_every_text_of_the_report_is_there():
+    report = example_report()
+    text = "".join(Outline(page_of(report)).texts)
+    machine = report["machine"]
+    for expected in (machine["cpu"], *machine["versions"].values(), report["created"], "x_1", "x_2", *report["stages"]):
+        assert expected in text
+
+
+def test_hostile_names_are_shown_and_not_run():
+    report = example_report()
+    hostile = "<script>alert('x')</script>\"&"
+    report["experiment"] = report["machine"]["cpu"] = report["simulate"]["latent"][0]["motion"] = hostile
+    page = page_of(report, (hostile,))
+    assert page.count("<script") == page_of(example_report()).count("<script")
+    assert "".join(Outline(page).texts).count(hostile) >= 4
+
+
+def test_warnings_come_before_every_table_and_figure():
+    page = page_of(example_report(), ("the solid has left the building",))
+    assert page.index("the solid has left the building") < min(page.index("<table"), page.index("<svg"))
+
+
+def test_a_page_without_warnings_says_so():
+    assert "No warnings" in page_of(example_report())
+
+
+@pytest.mark.parametrize("row", PAPER_TABLE_1, ids=lambda row: row.experiment)
+def test_the_papers_row_of_the_same_object_stands_beside_the_run(row):
+    text = "".join(Outline(page_of(example_report() | {"experiment": row.experiment})).texts)
+    shown = [other.experiment for other in PAPER_TABLE_1 if f"{other.experiment} (paper)" in text]
+    assert shown == [row.experiment]
+
+
+def test_an_object_the_paper_does_not_know_gets_all_five_rows():
+    text = "".join(Outline(page_of(example_report() | {"experiment": "pendulum"})).texts)
+    assert all(f"{row.experiment} (paper)" in text for row in PAPER_TABLE_1)
+    assert "for orientation" in text
+
+
+def test_a_diverged_run_is_marked():
+    report = example_report()
+    assert 'class="bad"' not in page_of(report)
+    report["simulate"]["linear"][0]["diverged"] = True
+    assert page_of(report).count('class="bad"') == 1
+
+
+def test_what_was_not_measured_is_a_dash():
+    report = example_report()
+    assert number(None) == '<span class="null" title="not measured">–</span>'
+    before = page_of(report).count("not measured")
+    report["reconstruction"]["heldout"] = None
+    assert page_of(report).count("not measured") == before + 8
+
+
+def test_a_run_that_simulated_nothing_still_has_a_page():
+    report = example_report()
+    report["simulate"] = {"full": [], "linear": [], "latent": []}
+    report["cubature"] = {"latent": None, "linear": None}
+    report["stages"] = {}
+    assert Outline(page_of(report))
+
+
+def test_a_figure_without_a_section_is_not_lost():
+    assert page_of(example_report()).count("<svg") == 3
+
+
+def test_a_report_that_breaks_the_contract_is_refused():
+    report = example_report()
+    del report["dims"]
+    with pytest.raises(ValueError, match="dims is missing"):
+        page_of(report)
+
+
+def test_a_caption_keeps_the_name_of_its_motion():
+    page = render_page(example_report(), {}, {"motion x_1 at rest": PNG}, [])
+    assert "<figcaption>Motion x_1 at rest</figcaption>" in page
+
+
+def test_a_picture_of_an_unknown_kind_is_refused():
+    with pytest.raises(ValueError, match="expected PNG or WebP"):
+        render_page(example_report(), {}, {"photo": b"GIF89a"}, [])
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (0, "0"),
+        (0.0, "0"),
+        (10, "10"),
+        (29686, "29\u202f686"),
+        (4.0, "4.00"),
+        (138.2, "138"),
+        (1203.5, "1\u202f204"),
+        (0.0623, "0.0623"),
+        (-0.5, "-0.500"),
+        (1.234e-7, "1.23 · 10⁻⁷"),
+    ],
+)
+def test_numbers_read_well(value, expected):
+    assert readable(value) == expected

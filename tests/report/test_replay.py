@@ -1,0 +1,154 @@
+"""The replay holds every motion as the run has it, up to what its caption admits."""
+
+from __future__ import annotations
+
+import json
+import re
+from base64 import b64decode
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.mesh.surface import surface_vertices
+from ldsim.report import replay as replay_module
+from ldsim.report.finished_run import FinishedRun
+from ldsim.report.replay import Replay, make_replay, quantised
+from tests.report.small_run import FRAMES, LOST_FROM, finished_run, write_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FinishedRun]:
+    folder = tmp_path_factory.mktemp("run")
+    write_run(folder, lost=("linear", "push"))
+    with finished_run(folder) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def replay(run: FinishedRun) -> Replay:
+    found = make_replay(run)
+    assert found is not None
+    return found
+
+
+def unpacked(packed: list[str]) -> np.ndarray:
+    kind, text = packed
+    return np.frombuffer(b64decode(text), dtype=f"<{kind}")
+
+
+def displacements(data: dict[str, Any], film: dict[str, Any]) -> np.ndarray:
+    """u of the drawn vertices as the page decodes it, (N, v, 3) metres."""
+    modes = unpacked(data["modes"]).reshape(len(data["scales"]), -1)
+    c = unpacked(film["coordinates"]).reshape(film["frames"], -1)
+    return (c * np.array(data["scales"]) @ modes).reshape(film["frames"], -1, 3)
+
+
+def truth(run: FinishedRun, motion: str, space: str) -> np.ndarray:
+    """u of the surface's vertices in every frame, (N, v, 3) metres."""
+    surface = surface_vertices(run.scene.mesh)
+    if space == "full":
+        return run.snapshots.reader(motion)(0, FRAMES[motion])[:, surface].astype(np.float64)
+    q = run.reduced_runs(motion)[space].coordinates
+    return (q @ run.basis.basis.U[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
+
+
+def films(replay: Replay) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
+    data = json.loads(replay.data)
+    for motion in data["motions"]:
+        for film in motion["films"]:
+            yield data, motion, film
+
+
+def test_what_is_drawn_is_as_far_from_the_run_as_the_caption_says(run, replay):
+    off = []
+    for data, motion, film in films(replay):
+        true = truth(run, motion["name"], film["space"])[: film["frames"]]
+        off.append(np.linalg.norm(displacements(data, film) - true, axis=2).ravel())
+    assert len(off) == 6
+    mean, worst = re.search(r"Drawn to ([\d.e-]+) mm .* average, ([\d.e-]+) mm", replay.caption).groups()
+    assert 1000 * np.concatenate(off).mean() == pytest.approx(float(mean), rel=1e-2)
+    assert 1000 * np.concatenate(off).max() == pytest.approx(float(worst), rel=1e-2)
+    assert np.concatenate(off).max() < 1e-3 * run.scene.mesh.diagonal
+
+
+def test_held_out_motions_come_first_and_full_space_leads(replay):
+    motions = json.loads(replay.data)["motions"]
+    assert [motion["name"] for motion in motions] == ["push", "pull_1"]
+    assert all([film["space"] for film in motion["films"]] == ["full", "linear", "latent"] for motion in motions)
+
+
+def test_a_film_ends_where_the_run_was_lost(replay):
+    ends = {(motion["name"], film["space"]): film["frames"] for _, motion, film in films(replay)}
+    assert ends[("push", "linear")] == LOST_FROM
+    assert ends[("push", "latent")] == FRAMES["push"]
+
+
+def test_numbers_in_the_panels_are_those_of_the_run(run, replay):
+    for _, motion, film in films(replay):
+        if film["space"] != "full":
+            true = run.reduced_runs(motion["name"])[film["space"]].mean_error[: film["frames"]]
+            np.testing.assert_allclose(unpacked(film["mean_mm"]), 1000 * true, rtol=1e-6)
+
+
+def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
+    motion = json.loads(replay.data)["motions"][0]
+    (drag,) = motion["drags"]
+    recorded = run.recorded["push"]
+    np.testing.assert_allclose(unpacked(drag["targets"]).reshape(-1, 3), recorded.motion.drags[0].targets, rtol=1e-6)
+    held = recorded.held[0]
+    frames = np.arange(drag["first"], drag["first"] + 4)
+    u = run.snapshots.reader("push")(0, FRAMES["push"]).astype(np.float64)
+    q = run.reduced_runs("push")["latent"].coordinates
+    reduced = (q @ run.basis.basis.U.T).reshape(len(q), -1, 3)
+    for film, field in (("full", u), ("latent", reduced)):
+        (grip,) = next(some["grips"] for some in motion["films"] if some["space"] == film)
+        true = (run.scene.mesh.vertices[held] + field[frames][:, held]).mean(axis=1)
+        np.testing.assert_allclose(unpacked(grip).reshape(-1, 3), true, rtol=1e-5, atol=1e-8)
+
+
+def test_frames_are_left_out_and_told_of_before_motions_are(run, monkeypatch):
+    row = 2 * (run.basis.basis.k + replay_module.EXTRA_MODES) * 3
+    monkeypatch.setattr(replay_module, "COORDINATES_BYTES", 13 * row)
+    found = make_replay(run)
+    motions = json.loads(found.data)["motions"]
+    assert [motion["frames"] for motion in motions] == [FRAMES["push"] // 2, FRAMES["pull_1"] // 2]
+    assert found.caption.startswith("2 motions, one frame in 2;")
+    data, motion, film = next(films(found))
+    true = truth(run, motion["name"], film["space"])[1::2]
+    np.testing.assert_allclose(displacements(data, film), true, atol=2e-4 * run.scene.mesh.diagonal)
+    monkeypatch.setattr(replay_module, "COORDINATES_BYTES", 2 * row)
+    found = make_replay(run)
+    assert [motion["name"] for motion in json.loads(found.data)["motions"]] == ["push"]
+    assert "1 motion (1 more left out for size), " in found.caption
+
+
+def test_modes_that_do_not_fit_are_left_out_and_the_error_is_told(run, replay, monkeypatch):
+    monkeypatch.setattr(replay_module, "MODES_BYTES", 2 * 2 * 3 * len(surface_vertices(run.scene.mesh)))
+    found = make_replay(run)
+    assert ", 2 modes." in found.caption and found.caption != replay.caption
+
+
+def test_a_large_surface_is_drawn_by_fewer_vertices(run, monkeypatch):
+    monkeypatch.setattr(replay_module, "MAX_VERTICES", 30)
+    found = make_replay(run)
+    data = json.loads(found.data)
+    drawn = len(unpacked(data["rest"])) // 3
+    assert drawn <= 30
+    assert f"; {drawn} of {len(surface_vertices(run.scene.mesh))} vertices of the surface" in found.caption
+    assert unpacked(data["triangles"]).max() == drawn - 1
+
+
+def test_without_a_reduced_run_there_is_no_replay(run):
+    assert make_replay(replace(run, trajectories={})) is None
+
+
+def test_quantising_loses_half_a_step_at_most():
+    rng = np.random.default_rng(5)
+    modes, rows = rng.normal(size=(60, 3)), rng.normal(size=(40, 3)) * [1.0, 1e-3, 0.0]
+    scales, small, ((found,),) = quantised(modes, [[rows]])
+    step = (np.abs(modes).max(axis=0) * np.abs(rows).max(axis=0)).sum() / 32767
+    assert np.abs((found * scales) @ small.T - rows @ modes.T).max() <= 1.01 * step
+    assert np.abs(small).max() <= 32767 and np.abs(found).max() <= 32767

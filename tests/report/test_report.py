@@ -1,0 +1,323 @@
+"""The report of a small run: every number recomputed from the arrays, what diverged shown as such, nothing left out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from ldsim.optimise.solution import Reason
+from ldsim.report import report as report_module
+from ldsim.report.finished_run import FinishedRun
+from ldsim.report.report import Report, Wanted, build_report, write_report
+from ldsim.report.report_numbers import collect
+from ldsim.report.report_pictures import mean_displacement, moments, peaks
+from ldsim.report.report_schema import SPACES, STAGES, check_report
+from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, finished_run, write_run
+
+COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
+WANTED = Wanted(pictures=0, cubature_tolerance=0.06, training_tolerance_mm=100.0)
+MOTIONS = list(FRAMES)
+
+
+def built(run: FinishedRun, wanted: Wanted = WANTED) -> Report:
+    return build_report(run, wanted, lambda: COST, lambda: None)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run")
+    write_run(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def lost_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lost")
+    write_run(path, lost=("linear", "push"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def numbers(folder: Path) -> dict[str, Any]:
+    with finished_run(folder) as run:
+        return dict(built(run).numbers)
+
+
+def entry(numbers: dict[str, Any], space: str, motion: str) -> dict[str, Any]:
+    (found,) = (run for run in numbers["simulate"][space] if run["motion"] == motion)
+    return found
+
+
+def raw(folder: Path, file: str, *names: str) -> list[np.ndarray]:
+    """Datasets read by h5py alone."""
+    with h5py.File(folder / f"{file}.h5") as data:
+        return [data[name][()] for name in names]
+
+
+def rows(folder: Path, role: str) -> np.ndarray:
+    fields = [raw(folder, "snapshots", f"motions/{name}/displacements")[0] for name in FRAMES if ROLES[name] == role]
+    return np.concatenate(fields).astype(np.float64)
+
+
+def distances_mm(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return 1000 * np.sqrt(((a.reshape(len(b), -1, 3) - b) ** 2).sum(axis=2))
+
+
+def test_the_report_keeps_the_contract_and_fits_into_json(numbers):
+    assert check_report(numbers) == []
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+
+
+def test_the_subject_is_the_scene_and_the_model(numbers):
+    assert numbers["experiment"] == NAME
+    assert numbers["mesh"] == {"vertices": 54, "cells": 120, "cell_type": "tet4", "quadrature_points": 120}
+    assert (numbers["dims"]["k"], numbers["dims"]["r"]) == (K, R)
+    assert numbers["rest_residual_mm"] == 0
+
+
+@pytest.mark.parametrize("role", ["train", "heldout"])
+@pytest.mark.parametrize(("method", "dimension"), [("pca_r", "r"), ("pca_kp", "kp"), ("pca_k", "k")])
+def test_pca_errors_are_those_of_projecting_every_frame(folder, numbers, role, method, dimension):
+    (U,) = raw(folder, "basis", "U")
+    with finished_run(folder) as run:
+        M = np.kron(run.scene.mass.toarray(), np.eye(3))
+    u = rows(folder, role)
+    V = U[:, : numbers["dims"][dimension]]
+    distances = distances_mm(u.reshape(len(u), -1) @ M @ V @ V.T, u)
+    found = numbers["reconstruction"][role][method]
+    assert found["max_mm"] == pytest.approx(distances.max(), rel=1e-9)
+    assert found["mean_mm"] == pytest.approx(distances.mean(), rel=1e-9)
+
+
+@pytest.mark.parametrize("role", ["train", "heldout"])
+def test_a_decoder_of_r_modes_errs_as_pca_with_r_modes(numbers, role):
+    found = numbers["reconstruction"][role]
+    assert found["autoencoder"] == pytest.approx(found["pca_r"], rel=1e-9)
+
+
+def test_without_held_out_motions_there_are_no_held_out_errors(tmp_path):
+    write_run(tmp_path, heldout=False)
+    with finished_run(tmp_path) as run:
+        report = built(run)
+    assert report.numbers["reconstruction"]["heldout"] is None
+    assert check_report(report.numbers) == []
+
+
+def test_cubature_is_the_chosen_set(numbers):
+    assert numbers["cubature"] == {
+        "latent": {"points": 5, "relative_error": {"train": 0.05, "heldout": 0.07}, "virtual": None, "seconds": 3.25},
+        "linear": {"points": 8, "relative_error": {"train": 0.05, "heldout": 0.1}, "virtual": None, "seconds": 4.5},
+    }
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("space", SPACES)
+def test_times_and_counts_are_those_of_the_steps(folder, numbers, space, motion):
+    names = (f"runs/{space}/{motion}/{name}" for name in ("seconds", "iterations", "evaluations"))
+    seconds, iterations, evaluations = raw(folder, "simulation", *names)
+    found = entry(numbers, space, motion)
+    assert found["role"] == ROLES[motion] and not found["diverged"]
+    assert found["frames"] == (FULL_FRAMES if space == "full" else FRAMES[motion])
+    ordered = sorted(1000 * seconds)
+    middle = ordered[(len(ordered) - 1) // 2 : len(ordered) // 2 + 1]
+    assert found["median_step_ms"] == pytest.approx(sum(middle) / len(middle))
+    below, share = divmod(0.95 * (len(ordered) - 1), 1)
+    low, high = ordered[int(below)], ordered[int(below) + 1]
+    assert found["p95_step_ms"] == pytest.approx(low + share * (high - low))
+    assert found["iterations"] == pytest.approx(sum(iterations) / len(iterations))
+    assert found["evaluations"] == pytest.approx(sum(evaluations) / len(evaluations))
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("space", ["linear", "latent"])
+def test_online_errors_are_distances_of_decoded_frames_to_the_snapshots(folder, numbers, space, motion):
+    (U,) = raw(folder, "basis", "U")
+    q, windowed = raw(
+        folder, "simulation", f"runs/{space}/{motion}/coordinates", f"runs/{space}/{motion}/windowed_mean_error"
+    )
+    full = raw(folder, "snapshots", f"motions/{motion}/displacements")[0].astype(np.float64)
+    distances = distances_mm(q @ U[:, : q.shape[1]].T, full)
+    moved = 1000 * np.linalg.norm(full, axis=2).mean()
+    found = entry(numbers, space, motion)["online_error"]
+    assert found["relative"] == pytest.approx(distances.mean() / moved, rel=1e-9)
+    assert found["windowed"] == pytest.approx(1000 * windowed.mean() / moved, rel=1e-9)
+    assert found["max_mm"] == pytest.approx(distances.max(), rel=1e-9)
+    assert found["mean_mm"] == pytest.approx(distances.mean(), rel=1e-9)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_full_space_has_no_error(numbers, motion):
+    assert entry(numbers, "full", motion)["online_error"] is None
+
+
+@pytest.mark.parametrize("slower", ["linear", "full"])
+def test_speedups_are_ratios_of_medians_over_all_motions(folder, numbers, slower):
+    def median(space: str) -> float:
+        return float(
+            np.median(np.concatenate(raw(folder, "simulation", *(f"runs/{space}/{m}/seconds" for m in MOTIONS))))
+        )
+
+    assert numbers["speedup"][f"latent_over_{slower}"] == pytest.approx(median(slower) / median("latent"))
+
+
+def test_every_stage_has_its_cost(numbers):
+    assert list(numbers["stages"]) == list(STAGES)
+    assert numbers["stages"]["train"] == {"seconds": 4.5, "peak_memory_mb": 103.25}
+    assert numbers["stages"]["report"] == COST
+
+
+def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder):
+    with finished_run(lost_folder) as run:
+        report = built(run)
+    found = entry(report.numbers, "linear", "push")
+    assert check_report(report.numbers) == []
+    assert found["diverged"] and found["frames"] == LOST_FROM + 1
+    error = found["online_error"]
+    assert (error["relative"], error["max_mm"], error["mean_mm"]) == (None, None, None)
+    assert not entry(report.numbers, "latent", "push")["diverged"]
+    assert report.page.count('class="bad"') == 1
+    assert report.page.count("linear run of motion push diverged") == 1
+    (seconds,) = raw(lost_folder, "simulation", "runs/linear/push/seconds")
+    assert found["median_step_ms"] == pytest.approx(1000 * np.median(seconds[: LOST_FROM + 1]))
+
+
+def test_a_diverged_run_has_no_part_in_the_speedup(lost_folder):
+    slow, fast = raw(lost_folder, "simulation", "runs/linear/pull_1/seconds", "runs/latent/pull_1/seconds")
+    with finished_run(lost_folder) as run:
+        speedup = collect(run, COST)["speedup"]
+    assert speedup["latent_over_linear"] == pytest.approx(np.median(slow) / np.median(fast))
+
+
+def test_a_space_that_ran_nothing_leaves_nulls(folder):
+    with finished_run(folder) as run:
+        numbers = collect(replace(run, trajectories={"latent": run.trajectories["latent"]}), COST)
+    assert numbers["simulate"]["full"] == numbers["simulate"]["linear"] == []
+    assert numbers["speedup"] == {"latent_over_linear": None, "latent_over_full": None}
+    assert check_report(numbers | {"warnings": []}) == []
+
+
+def test_the_page_shows_every_motion_and_has_a_figure_of_each(folder):
+    with finished_run(folder) as run:
+        report = built(run)
+    curves = [f"online_error_{motion}" for motion in MOTIONS]
+    assert set(report.figures) == {"error_against_k", "singular_values", "training", "cubature", "step_times", *curves}
+    for motion in MOTIONS:
+        assert f"motion {motion}: time, s" in report.page
+        assert report.page.count(f"{motion} <small>") == len(SPACES)
+    assert report.page.count("<svg") == len(report.figures)
+
+
+def test_a_run_without_fault_gives_no_warnings(folder):
+    with finished_run(folder) as run:
+        warnings = warnings_of(run)
+    assert not [text for text in warnings if "held-out" not in text and "nothing was fitted to" not in text]
+
+
+def warnings_of(run: FinishedRun, wanted: Wanted = WANTED) -> list[str]:
+    page = built(run, wanted).page
+    if 'class="warnings"' not in page:
+        return []
+    part = page.split('class="warnings"')[1].split("</section>")[0]
+    return [text.split("</li>")[0] for text in part.split("<li>")[1:]]
+
+
+def test_steps_that_stopped_early_are_counted(folder):
+    with finished_run(folder) as run:
+        latent = run.trajectories["latent"]
+        reason = latent["push"].reason.copy()
+        reason[[1, 4, 5]] = Reason.NO_DECREASE, Reason.ITERATIONS_SPENT, Reason.NO_DECREASE
+        runs = {**run.trajectories, "latent": {**latent, "push": replace(latent["push"], reason=reason)}}
+        found = [text for text in warnings_of(replace(run, trajectories=runs)) if "converge" in text]
+    assert found == [
+        "In the latent run of motion push, 3 of 11 steps did not converge (the line search found no decrease)."
+    ]
+
+
+def test_missed_tolerances_are_named(folder):
+    with finished_run(folder) as run:
+        header = replace(run.headers["model"], notes={**run.headers["model"].notes, "met": 0})
+        strict = replace(WANTED, cubature_tolerance=0.01, training_tolerance_mm=0.5)
+        found = warnings_of(replace(run, headers={**run.headers, "model": header}), strict)
+    assert sum("0.01 was asked for" in text for text in found) == 2
+    assert sum("0.5 mm were asked for (train.tolerance_mm)" in text for text in found) == 1
+
+
+def test_pictures_are_of_held_out_motions_and_the_first_training_motion(folder):
+    with finished_run(folder) as run:
+        report = built(run, replace(WANTED, pictures=2))
+        shown = moments(run, 2)
+        largest = {name: int(np.argmax(mean_displacement(run, name))) for name in MOTIONS}
+    stills = [picture for picture in report.pictures if picture.file.endswith(".png")]
+    assert [picture.file for picture in stills] == [f"{m.motion}_{m.frame:05d}.png" for m in shown]
+    assert [m.motion for m in shown] == ["push", "push", "pull_1", "pull_1"]
+    assert all(any((m.motion, m.frame) == item for m in shown) for item in largest.items())
+    assert [picture.file for picture in report.pictures if picture.file.endswith(".webp")] == ["pull_1.webp"]
+    for picture in report.pictures:
+        assert picture.caption in report.page
+    animated = Image.open(BytesIO(report.pictures[0].data))
+    assert getattr(animated, "n_frames", 1) == FRAMES["pull_1"]
+
+
+def test_a_picture_leaves_out_what_is_lost_and_says_so(lost_folder):
+    with finished_run(lost_folder) as run:
+        pictures = built(run, replace(WANTED, pictures=2)).pictures
+    late = [p for p in pictures if p.file.startswith("push") and int(p.file[-9:-4]) >= LOST_FROM]
+    assert late and all("linear has diverged" in picture.caption for picture in late)
+
+
+def test_pictures_beyond_the_budget_stay_out_of_the_page(folder, monkeypatch):
+    with finished_run(folder) as run:
+        monkeypatch.setattr(report_module, "PAGE_PICTURE_BYTES", 0)
+        report = built(run, replace(WANTED, pictures=1))
+    assert len(report.pictures) == 3 and "<img" not in report.page
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 7, 40])
+def test_peaks_are_the_largest_and_apart(count):
+    values = np.random.default_rng(3).normal(size=37).cumsum()
+    found = peaks(values, count)
+    assert len(found) == min(count, 37)
+    assert count == 0 or int(values.argmax()) in found
+    assert all(b - a >= max(37 // (2 * count), 1) for a, b in zip(found, found[1:], strict=False))
+
+
+def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
+    with finished_run(folder) as run:
+        report = built(run, replace(WANTED, pictures=1))
+    target = tmp_path / "report"
+    target.mkdir()
+    (target / "old").write_text("stale")
+    write_report(target, report)
+    assert json.loads((target / "report.json").read_text()) == report.numbers
+    files = {str(path.relative_to(target)) for path in target.rglob("*") if path.is_file()}
+    assert files == {
+        *("report.json", "report.html"),
+        *(f"figures/{name}.svg" for name in report.figures),
+        *(f"pictures/{picture.file}" for picture in report.pictures),
+    }
+    page = (target / "report.html").stat().st_mtime_ns
+    assert all((target / name).stat().st_mtime_ns <= page for name in files)
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_numbers_that_are_not_finite_become_null(folder):
+    with finished_run(folder) as run:
+        errors = np.array([[np.nan, np.inf], [np.nan, np.nan]])
+        numbers = collect(replace(run, model=replace(run.model, errors=errors)), COST)
+    assert numbers["reconstruction"]["train"]["autoencoder"] == {"max_mm": None, "mean_mm": None}
+    assert not any(isinstance(value, float) and not math.isfinite(value) for value in leaves(numbers))
+
+
+def leaves(value: Any) -> list[Any]:
+    if not isinstance(value, dict | list):
+        return [value]
+    return [leaf for child in (value.values() if isinstance(value, dict) else value) for leaf in leaves(child)]

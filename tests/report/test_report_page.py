@@ -1,0 +1,268 @@
+"""The report in a real browser, loaded from disk: what it plays and reads off is what the run holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldsim.mesh.surface import surface_vertices
+from ldsim.report.page import render_page
+from ldsim.report.replay import make_replay
+from ldsim.report.report_figures import draw_figures
+from tests.report.example_report import example_report
+from tests.report.small_run import FRAMES, LOST_FROM, finished_run, write_run
+from tests.viewer.browser import CHROMIUM, Tab, chromium
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
+
+READY = "document.readyState === 'complete' && [...document.querySelectorAll('.plot')].every((frame) => frame.plot)"
+REPLAY = "document.querySelector('.replay').replay"
+PLOT = "document.querySelector('.plot').plot"  # of error_against_k, the first figure
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run")
+    write_run(path, lost=("linear", "push"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Path:
+    with finished_run(folder) as run:
+        text = render_page(example_report(), draw_figures(run, 0.06), {}, ["something is wrong"], make_replay(run))
+    path = folder / "report.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def tab() -> Iterator[Tab]:
+    with chromium() as some:
+        yield some
+
+
+def show(tab: Tab, page: Path, width: int = 900, height: int = 700) -> Tab:
+    tab.complaints.clear()
+    tab.requests.clear()
+    tab.size(width, height)
+    tab.open(page.resolve().as_uri())
+    tab.wait(READY)
+    return tab
+
+
+@pytest.fixture
+def opened(tab: Tab, page: Path) -> Tab:
+    return show(tab, page)
+
+
+def middle(tab: Tab, selector: str) -> tuple[float, float]:
+    """The middle of an element that is scrolled into sight, on the screen."""
+    x, y = tab.evaluate(
+        f"(() => {{ const e = document.querySelector({selector!r}); e.scrollIntoView({{ block: 'center' }}); "
+        "const b = e.getBoundingClientRect(); return [b.left + b.width / 2, b.top + b.height / 2]; })()"
+    )
+    return x, y
+
+
+def set_to(tab: Tab, selector: str, value: int, event: str) -> None:
+    """Give a control a value, as a user would."""
+    tab.evaluate(
+        f"(() => {{ const e = document.querySelector({selector!r}); e.value = {value}; "
+        f"e.dispatchEvent(new Event({event!r})); }})()"
+    )
+
+
+def press(tab: Tab, key: str) -> None:
+    tab.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+    tab.call("Input.dispatchKeyEvent", type="keyUp", key=key)
+
+
+def test_the_page_loads_without_complaint_and_asks_for_nothing_but_itself(opened: Tab, page: Path) -> None:
+    assert opened.evaluate("!document.querySelector('.replay').hidden")
+    assert opened.complaints == []
+    assert {url for url in opened.requests if not url.startswith("data:")} == {page.resolve().as_uri()}
+
+
+@pytest.mark.parametrize("space", ["full", "linear", "latent"])
+def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, folder: Path, space: str) -> None:
+    opened.evaluate(f"{REPLAY}.choose(1)")
+    seen = opened.evaluate(
+        f"(() => {{ const r = {REPLAY}, film = r.motion.films.find((one) => one.space === {space!r}); "
+        "r.decode(film, 7); return Array.from(r.surface.positions); })()"
+    )
+    with finished_run(folder) as run:
+        if space == "full":
+            u = run.snapshots.reader("pull_1")(7, 8)[0].astype(np.float64)
+        else:
+            q = run.reduced_runs("pull_1")[space].coordinates[7]
+            u = (run.basis.basis.U[:, : len(q)] @ q).reshape(-1, 3)
+        mesh = run.scene.mesh
+    surface = surface_vertices(mesh)
+    assert np.abs(u).max() > 0.01 * mesh.diagonal
+    np.testing.assert_allclose(np.reshape(seen, (-1, 3)), (mesh.vertices + u)[surface], atol=1e-3 * mesh.diagonal)
+
+
+def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Tab, folder: Path) -> None:
+    set_to(opened, ".scrub", 3, "input")
+    with finished_run(folder) as run:
+        error = 1000 * run.reduced_runs("push")["latent"].mean_error[3]
+        seconds = 4 * run.scene.time_step
+    assert opened.evaluate("document.querySelector('.time').textContent") == f"{seconds:.2f} s"
+    told = opened.evaluate("document.querySelector('.panel.latent span').textContent")
+    assert float(told.split(" mm")[0]) == pytest.approx(error, rel=5e-3)
+
+
+def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, folder: Path) -> None:
+    with finished_run(folder) as run:
+        seconds = LOST_FROM * run.scene.time_step
+    opened.evaluate(f"{REPLAY}.show({LOST_FROM - 1})")
+    assert "mm from full space" in opened.evaluate("document.querySelector('.panel.linear span').textContent")
+    opened.evaluate(f"{REPLAY}.drawn = 0; {REPLAY}.view.drawPart = () => {REPLAY}.drawn++; {REPLAY}.show({LOST_FROM})")
+    assert opened.evaluate("document.querySelector('.panel.linear span').textContent") == f"diverged at {seconds:.2f} s"
+    assert opened.evaluate(f"{REPLAY}.drawn") == 2
+
+
+def test_playing_goes_on_to_other_frames_and_pause_stops(opened: Tab) -> None:
+    opened.evaluate("document.querySelector('.play').click()")
+    opened.wait(f"{REPLAY}.frame !== {REPLAY}.motion.start")
+    opened.evaluate("document.querySelector('.play').click()")
+    frame = opened.evaluate(f"{REPLAY}.frame")
+    assert opened.evaluate(f"new Promise((done) => setTimeout(() => done({REPLAY}.frame), 200))") == frame
+
+
+def test_every_motion_can_be_chosen_and_says_its_role(opened: Tab) -> None:
+    names = opened.evaluate("[...document.querySelector('.motion').options].map((option) => option.textContent)")
+    assert names == ["push (held-out)", "pull_1 (training)"]
+    set_to(opened, ".motion", 1, "change")
+    assert opened.evaluate(f"{REPLAY}.motion.name") == "pull_1"
+    assert opened.evaluate("Number(document.querySelector('.scrub').max)") == FRAMES["pull_1"] - 1
+
+
+def test_the_view_turns_by_mouse_finger_and_keys_and_zooms_by_two_fingers(opened: Tab) -> None:
+    x, y = middle(opened, ".canvas")
+    view = f"[{REPLAY}.view.azimuth, {REPLAY}.view.elevation, {REPLAY}.view.zoom]"
+    before = opened.evaluate(view)
+    opened.mouse("mousePressed", (x, y))
+    opened.mouse("mouseMoved", (x + 50, y + 10))
+    opened.mouse("mouseReleased", (x + 50, y + 10))
+    assert opened.evaluate(view) == pytest.approx([before[0] - 20, before[1] + 4, 1])
+    opened.evaluate("document.querySelector('.canvas').focus()")
+    press(opened, "0")
+    press(opened, "ArrowRight")
+    assert opened.evaluate(view)[0] == pytest.approx(before[0] - 4.8)
+    press(opened, "0")
+    opened.touch("touchStart", [(x - 50, y), (x + 50, y)])
+    opened.touch("touchMove", [(x - 100, y), (x + 100, y)])
+    opened.touch("touchEnd", [])
+    assert opened.evaluate(view)[2] == pytest.approx(2, rel=0.05)
+
+
+def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, folder: Path) -> None:
+    read = opened.evaluate(
+        f"{PLOT}.curves.map(({{ name, axes, points }}) => "
+        "[name, points.map(([x, y]) => [axes.x.value(x), axes.y.value(y)])])"
+    )
+    with finished_run(folder) as run:
+        stored = run.basis
+    true = {
+        "max, training": stored.basis.max_error,
+        "mean, training": stored.basis.mean_error,
+        "max, held-out": stored.heldout_max_error,
+        "mean, held-out": stored.heldout_mean_error,
+    }
+    assert {name for name, _ in read} == set(true)
+    for name, points in read:
+        modes = np.arange(len(true[name]))
+        np.testing.assert_allclose(np.array(points)[:, 0], modes, atol=1e-3)
+        np.testing.assert_allclose(np.array(points)[:, 1], 1000 * true[name], rtol=1e-3)
+
+
+def place_of(tab: Tab, curve: int, index: int) -> tuple[float, float]:
+    """Where a point of the first figure's curve is on the screen."""
+    middle(tab, ".plot svg")
+    x, y = tab.evaluate(
+        f"(() => {{ const p = {PLOT}, [x, y] = p.curves[{curve}].points[{index}], b = p.svg.getBoundingClientRect(), "
+        "unit = b.width / p.width; return [b.left + p.moved(x, 'x') * unit, b.top + p.moved(y, 'y') * unit]; })()"
+    )
+    return x, y
+
+
+def test_hovering_says_the_nearest_points_values(opened: Tab, folder: Path) -> None:
+    x, y = place_of(opened, 0, 2)
+    opened.mouse("mouseMoved", (x + 3, y - 2))
+    told = opened.evaluate(f"{PLOT}.told.innerText").splitlines()
+    with finished_run(folder) as run:
+        error = 1000 * run.basis.basis.max_error[2]
+    assert [line.strip() for line in told[:2]] == ["max, training", "number of PCA modes: 2"]
+    label, value = told[2].strip().split(": ")
+    assert label == "vertex distance, mm" and float(value) == pytest.approx(error, rel=1e-3)
+
+
+def test_a_drag_zooms_the_range_of_an_axis_and_a_double_click_takes_it_back(opened: Tab) -> None:
+    paths = f"{PLOT}.inside.map(({{ element }}) => element.getAttribute('d'))"
+    seen = f"{PLOT}.home.x.map((at) => {PLOT}.axes[0].x.value({PLOT}.unmoved(at, 'x')))"
+    before = opened.evaluate(paths)
+    (x1, y), (x2, _) = place_of(opened, 0, 1), place_of(opened, 0, 3)
+    x1, x2 = x1 - 3, x2 + 3
+    opened.mouse("mousePressed", (x1, y))
+    opened.mouse("mouseMoved", ((x1 + x2) / 2, y + 2))
+    opened.mouse("mouseMoved", (x2, y + 4))
+    opened.mouse("mouseReleased", (x2, y + 4))
+    low, high = opened.evaluate(seen)
+    assert 0.9 < low < 1 and 3 < high < 3.1
+    assert opened.evaluate(f"[{PLOT}.zoomed('y'), {PLOT}.whole.hidden]") == [False, False]
+    ticks = opened.evaluate(f"[...{PLOT}.svg.querySelectorAll('.ticks text')].map((text) => Number(text.textContent))")
+    assert ticks == [1, 1.5, 2, 2.5, 3]
+    assert opened.evaluate(paths) != before
+    opened.mouse("mousePressed", (x1, y))
+    opened.mouse("mouseReleased", (x1, y))
+    opened.evaluate(f"{PLOT}.svg.dispatchEvent(new MouseEvent('dblclick'))")
+    assert opened.evaluate(seen) == pytest.approx([-0.2, 4.2], abs=1e-6)
+    assert opened.evaluate(paths) == before
+    assert opened.evaluate(f"{PLOT}.svg.querySelectorAll('.ticks').length") == 0
+
+
+def test_keys_walk_along_a_curve_change_it_and_zoom(opened: Tab) -> None:
+    opened.evaluate("document.querySelector('.plot').focus()")
+    for key in ("ArrowRight", "ArrowRight"):
+        press(opened, key)
+    assert "number of PCA modes: 1" in opened.evaluate(f"{PLOT}.told.textContent")
+    press(opened, "ArrowDown")
+    assert opened.evaluate(f"{PLOT}.told.textContent").startswith("mean, training number of PCA modes: 1")
+    press(opened, "+")
+    low, high = opened.evaluate(f"{PLOT}.window.x")
+    assert high - low == pytest.approx(opened.evaluate(f"({PLOT}.home.x[1] - {PLOT}.home.x[0]) / 2"))
+    press(opened, "0")
+    assert not opened.evaluate(f"{PLOT}.zoomed('x')")
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+def test_nothing_is_wider_than_the_page(tab: Tab, page: Path, width: int) -> None:
+    assert show(tab, page, width).evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_without_webgl_the_replay_stays_away_and_figures_still_answer(tab: Tab, page: Path) -> None:
+    without = page.with_name("without.html")
+    text = page.read_text(encoding="utf-8").replace('getContext("webgl2"', 'getContext("none"')
+    without.write_text(text, encoding="utf-8")
+    show(tab, without)
+    assert tab.evaluate("document.querySelector('.replay').hidden")
+    assert tab.complaints == []
+
+
+def test_without_script_and_on_paper_there_is_no_replay_and_every_figure(tab: Tab, page: Path) -> None:
+    shown = "getComputedStyle(document.querySelector('.replay')).display"
+    show(tab, page).call("Emulation.setEmulatedMedia", media="print")
+    assert tab.evaluate(shown) == "none"
+    tab.call("Emulation.setEmulatedMedia", media="")
+    tab.call("Emulation.setScriptExecutionDisabled", value=True)
+    tab.open(page.resolve().as_uri())
+    tab.wait("document.readyState === 'complete'")
+    assert tab.evaluate(shown) == "none"
+    assert tab.evaluate("document.querySelectorAll('.plot svg').length") > 5
+    assert tab.evaluate("document.querySelectorAll('.plot.live').length") == 0
+    tab.call("Emulation.setScriptExecutionDisabled", value=False)
