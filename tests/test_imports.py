@@ -18,6 +18,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = (
     "ldsim",  # the version
     "errors",
+    "options",
     "jit",
     "mesh",
     "optimise",
@@ -42,8 +43,8 @@ ROOMS = (
 NUMERICS = ("errors", "mesh", "optimise", "mechanics", "space", "cubature", "learn", "dynamics")
 OWNERS = {
     "numba": ("jit", "dynamics/reduced/advance"),
-    "yaml": ("settings",),
-    "pydantic": ("settings",),
+    "yaml": ("options", "settings"),
+    "pydantic": ("options", "settings", "report/schema", "viewer"),
     "h5py": ("artefacts", "export"),
     "torch": ("learn", "dynamics/batched"),
     "meshio": ("mesh/formats", "export"),

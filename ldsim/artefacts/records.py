@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.store import Header, read_header, reading, write
-from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
@@ -197,23 +198,23 @@ class StoredCubature:
         virtual: virtual points, fitted from a set of the ladder; None where there are none.
     """
 
-    ladder: tuple[CubatureSet, ...]
+    ladder: tuple[CubatureRule, ...]
     heldout_errors: Array
     chosen: int
     perturbed_errors: Array | None = None
     virtual: VirtualSelection | None = None
 
     @property
-    def best(self) -> CubatureSet:
+    def best(self) -> CubatureRule:
         """The chosen set of the ladder, on the mesh."""
         return self.ladder[self.chosen]
 
     @property
-    def stepped(self) -> CubatureSet:
+    def stepped(self) -> CubatureRule:
         """What a step takes unless told otherwise: the virtual points, or else the chosen set."""
         return self.best if self.virtual is None else self.virtual.cubature
 
-    def at_most(self, points: int) -> CubatureSet:
+    def at_most(self, points: int) -> CubatureRule:
         """The largest set of at most so many points."""
         fitting = [entry for entry in self.ladder if len(entry.points) <= points]
         return fitting[-1] if fitting else self.ladder[0]
@@ -261,7 +262,7 @@ def _stored_cubature(group: h5py.Group) -> StoredCubature:
     sizes, errors = group["ladder_sizes"][:], group["ladder_errors"][:]
     points = np.split(group["ladder_points"][:], np.cumsum(sizes)[:-1])
     weights = np.split(group["ladder_weights"][:], np.cumsum(sizes)[:-1])
-    ladder = tuple(CubatureSet(p, w, float(e)) for p, w, e in zip(points, weights, errors[:, 0], strict=True))
+    ladder = tuple(CubatureRule(p, w, float(e)) for p, w, e in zip(points, weights, errors[:, 0], strict=True))
     chosen = [
         i
         for i, entry in enumerate(ladder)
@@ -277,4 +278,4 @@ def _virtual(group: h5py.Group) -> VirtualSelection | None:
     training, heldout, perturbed = (float(error) for error in group["virtual_errors"][:])
     points, weights, maps = (group[f"virtual_{name}"][:] for name in ("points", "weights", "maps"))
     closure, tried = float(group["virtual_closure"][()]), group["virtual_tried"][:]
-    return VirtualSelection(CubatureSet(points, weights, training, maps), heldout, perturbed, closure, tried)
+    return VirtualSelection(CubatureRule(points, weights, training, maps), heldout, perturbed, closure, tried)

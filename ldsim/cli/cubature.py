@@ -15,7 +15,8 @@ from ldsim.artefacts.records import StoredCubature, StoredModel, read_basis, rea
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import PoseSpace, Recipe, Selection, select, split_poses
 from ldsim.cubature.virtual import Judge, VirtualRecipe, select_virtual
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
@@ -154,7 +155,7 @@ def _judge(
     U = np.ascontiguousarray(space.U[:, : space.decoder.k])
     names = snapshots.with_role("train")
 
-    def judge(cubature: CubatureSet) -> float:
+    def judge(cubature: CubatureRule) -> float:
         reduced = ReducedSpace(name, U, space.decoder, encoder, cubature)
         errors = []
         for motion in names:

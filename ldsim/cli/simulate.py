@@ -11,7 +11,7 @@ from ldsim.artefacts.records import StoredCubature, read_basis, read_cubature, r
 from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
@@ -78,7 +78,7 @@ def command(run: Run) -> None:
     _warn_of_distrust(runs, model.trust)
 
 
-def _set(stored: StoredCubature, points: int | None, changed: bool) -> CubatureSet:
+def _set(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
     """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
     if points is not None:
         return stored.at_most(points)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ldsim.cubature.forces import pose_scales, total_forces
 from ldsim.cubature.metric import rest_compliance
+from ldsim.cubature.rule import strain_maps
 from ldsim.cubature.selection import PoseSpace
-from ldsim.cubature.strain_maps import strain_maps
 from ldsim.errors import SolverError
 
 Array = NDArray[np.float64]

@@ -10,71 +10,14 @@ from numpy.typing import NDArray
 
 from ldsim.cubature.candidates import Candidates
 from ldsim.cubature.rows import Rows
-from ldsim.cubature.strain_maps import strain_maps
+from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
-from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Progress = Callable[[int, float], None]
 
 POINTS_AT_ONCE = 512
-
-
-@dataclass(frozen=True, eq=False)
-class CubatureSet:
-    """A smaller quadrature rule.
-
-    Attributes:
-        points: quadrature points of the scene, ascending, (c,) int64.
-        weights: their weights, (c,) float64, m³, positive; they replace the scene's.
-        training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
-        maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
-            material of its point of the mesh, but a deformation gradient of its own (`virtual`).
-
-    Raises:
-        SolverError: on shapes that differ, a point given twice, a weight that is not positive and finite, or maps that
-            are not finite.
-    """
-
-    points: Indices
-    weights: Array
-    training_error: float
-    maps: Array | None = None
-
-    def __post_init__(self) -> None:
-        if self.points.ndim != 1 or self.points.shape != self.weights.shape:
-            raise SolverError(
-                f"cubature set has points of shape {self.points.shape} and weights of shape {self.weights.shape}; "
-                "both must be (c,)"
-            )
-        if len(np.unique(self.points)) < len(self.points):
-            raise SolverError("cubature set has a point twice; give each one weight")
-        if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):
-            raise SolverError(f"cubature weight is {self.weights.min():g} m³; all must be positive and finite")
-        if self.maps is not None and self.maps.shape[:2] != (len(self.points), 9):
-            raise SolverError(
-                f"cubature set has strain maps of shape {self.maps.shape}; must be ({len(self.points)}, 9, k)"
-            )
-        if self.maps is not None and not np.isfinite(self.maps).all():
-            raise SolverError("cubature set has strain maps that are not finite")
-
-    @classmethod
-    def every(cls, scene: Scene) -> CubatureSet:
-        """All quadrature points of a scene with their own weights."""
-        return cls(np.arange(scene.points.n_points), scene.points.weights, 0.0)
-
-    def strain_maps(self, scene: Scene, U: Array) -> Array:
-        """∂F/∂q of the points in the space of U, (3n, k): their own, or those of the mesh; (c, 9, k) float64, 1/m.
-
-        Raises:
-            SolverError: the maps are of a basis of another size.
-        """
-        if self.maps is None:
-            return strain_maps(scene, U, self.points)
-        if self.maps.shape[2] != U.shape[1]:
-            raise SolverError(f"cubature has strain maps of {self.maps.shape[2]} columns; the basis has {U.shape[1]}")
-        return np.ascontiguousarray(self.maps, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +30,7 @@ class VirtualSelection:
             mesh.
     """
 
-    cubature: CubatureSet
+    cubature: CubatureRule
     heldout_error: float
     perturbed_error: float
     closure: float
@@ -109,8 +52,8 @@ class CubatureFit:
         met: whether `best` meets the tolerance.
     """
 
-    ladder: tuple[CubatureSet, ...]
-    best: CubatureSet
+    ladder: tuple[CubatureRule, ...]
+    best: CubatureRule
     met: bool
 
 
@@ -122,7 +65,7 @@ class Ladder:
     """
 
     def __init__(self, progress: Progress | None = None) -> None:
-        self._sets: dict[int, CubatureSet] = {}
+        self._sets: dict[int, CubatureRule] = {}
         self._progress = progress
 
     def record(self, state: Candidates) -> None:
@@ -132,13 +75,13 @@ class Ladder:
             order = np.argsort(state.chosen)
             points = state.chosen[order]
             weights = state.multipliers[order] * state.system.forces.point_weights[points]
-            self._sets[state.size] = CubatureSet(points, weights, error)
+            self._sets[state.size] = CubatureRule(points, weights, error)
         if self._progress is not None:
             self._progress(state.size, error)
 
     def result(self, tolerance: float) -> CubatureFit:
         """Sizes upwards, leaving out what is no better than a smaller set, to the first that meets the tolerance."""
-        rungs: list[CubatureSet] = []
+        rungs: list[CubatureRule] = []
         for _, candidate in sorted(self._sets.items()):
             if rungs and candidate.training_error >= rungs[-1].training_error:
                 continue
@@ -148,7 +91,7 @@ class Ladder:
         return CubatureFit(tuple(rungs), rungs[-1], rungs[-1].training_error <= tolerance)
 
 
-def relative_errors(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
+def relative_errors(forces: Rows, sets: Sequence[CubatureRule]) -> Array:
     """‖Σ w b − target‖ / ‖target‖ of each set over the normalised poses of `forces`, trained on or not, (l,).
 
     Raises:
@@ -158,7 +101,7 @@ def relative_errors(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
     return errors
 
 
-def residuals(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
+def residuals(forces: Rows, sets: Sequence[CubatureRule]) -> Array:
     """target − Σ w b of each set, (rows, l) float64.
 
     Raises:
@@ -180,6 +123,6 @@ def residuals(forces: Rows, sets: Sequence[CubatureSet]) -> Array:
     return left
 
 
-def relative_error(forces: Rows, cubature: CubatureSet) -> float:
+def relative_error(forces: Rows, cubature: CubatureRule) -> float:
     """`relative_errors` of one set."""
     return float(relative_errors(forces, [cubature])[0])

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from ldsim.cubature.aims import Aiming, Aims
 from ldsim.cubature.kernels import point_stress_changes, stresses_of_strains
-from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import PoseSpace
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import Elements
@@ -34,7 +35,7 @@ from ldsim.mechanics.scene import Scene
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Progress = Callable[[int, float], None]
-Judge = Callable[[CubatureSet], float]
+Judge = Callable[[CubatureRule], float]
 
 # Adam: decays of both moments, the usual ones. A gradient longer than LONGEST is shortened to it.
 FIRST, SECOND, TINY = 0.9, 0.999, 1e-8
@@ -78,7 +79,7 @@ class VirtualRecipe:
 
 def select_virtual(
     space: PoseSpace,
-    ladder: tuple[CubatureSet, ...],
+    ladder: tuple[CubatureRule, ...],
     kept_back: Indices,
     recorded: int,
     recipe: VirtualRecipe,
@@ -105,7 +106,7 @@ def select_virtual(
     chosen, aside = choose_poses(len(space.z), kept_back, recorded, recipe)
     fitted, put_aside = aiming.forces(chosen, (recipe.seed, 0)), aiming.forces(aside, (recipe.seed, 1))
     U = np.ascontiguousarray(space.U[:, : space.decoder.k])
-    tried: dict[float, tuple[float, CubatureSet]] = {}
+    tried: dict[float, tuple[float, CubatureRule]] = {}
     for i, closure in enumerate(recipe.closures):
 
         def tell(step: int, error: float, before: int = i * recipe.steps) -> None:
@@ -132,7 +133,7 @@ def select_virtual(
     )
 
 
-def largest(ladder: Sequence[CubatureSet], points: int) -> CubatureSet:
+def largest(ladder: Sequence[CubatureRule], points: int) -> CubatureRule:
     """The largest set of a ladder with at most so many points, or its smallest."""
     return max((s for s in ladder if len(s.points) <= points), key=lambda s: len(s.points), default=ladder[0])
 
@@ -202,7 +203,7 @@ class _Points:
         return float(np.sqrt(total) / np.linalg.norm(aims.target))
 
 
-def virtual_error(scene: Scene, U: Array, cubature: CubatureSet, aims: Aims) -> float:
+def virtual_error(scene: Scene, U: Array, cubature: CubatureRule, aims: Aims) -> float:
     """‖Σ w b − target‖ / ‖target‖ of a set, on the mesh or virtual, at the aims; infinite where a point is inverted."""
     return _points(scene, U, cubature).error(aims)
 
@@ -210,12 +211,12 @@ def virtual_error(scene: Scene, U: Array, cubature: CubatureSet, aims: Aims) -> 
 def fit_virtual(
     scene: Scene,
     U: Array,
-    start: CubatureSet,
+    start: CubatureRule,
     fitted: Aims,
     kept_back: Aims,
     options: VirtualRecipe,
     progress: Progress | None = None,
-) -> CubatureSet:
+) -> CubatureRule:
     """Virtual points that start as points of the mesh.
 
     The last ones, which small steps have settled; those of least error on `kept_back` where the last are worse by more
@@ -258,7 +259,7 @@ def fit_virtual(
     return replace(start, maps=points.maps, weights=points.weights, training_error=points.error(fitted))
 
 
-def _points(scene: Scene, U: Array, cubature: CubatureSet) -> _Points:
+def _points(scene: Scene, U: Array, cubature: CubatureRule) -> _Points:
     every, chosen = scene.elements, cubature.points
     elements = Elements(
         every.nodes[chosen],

@@ -14,7 +14,7 @@ from ldsim.artefacts.records import StoredModel, read_basis, read_cubature, read
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import Header, check_inputs
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
@@ -118,7 +118,7 @@ class ReducedSpace:
 
     U: Array
     decoder: Decoder
-    cubature: CubatureSet
+    cubature: CubatureRule
 
 
 class Source:

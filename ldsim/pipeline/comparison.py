@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.dynamics.reduced.stepper import Prescribed, ReducedState, ReducedStepper
@@ -202,7 +202,7 @@ class ReducedSpace:
     U: Array
     decoder: Decoder
     encoder: Encoder
-    cubature: CubatureSet
+    cubature: CubatureRule
 
     def stepper(
         self,

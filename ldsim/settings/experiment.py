@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ldsim.options import Options, Positive
 from ldsim.settings.motions import MotionSettings, PullSettings
 from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
-from ldsim.settings.section import Positive, Section
 
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
 
-class SnapshotSettings(Section):
+class SnapshotSettings(Options):
     """Full-space runs that the model learns from and is judged on."""
 
     motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What happens to the solid.")
@@ -50,7 +50,7 @@ class SnapshotSettings(Section):
         return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
 
 
-class PcaSettings(Section):
+class PcaSettings(Options):
     k: int | None = Field(None, ge=1, description="Dimension; left out, the criterion finds it.")
     criterion: Literal["max_error", "mean_error", "energy"] = Field(
         "max_error", description="What the tolerance is of: vertex error (largest, mean), or energy lost."
@@ -61,7 +61,7 @@ class PcaSettings(Section):
     inner_product: Literal["mass", "euclidean"] = Field("mass", description="In which U is orthonormal.")
 
 
-class TrainSettings(Section):
+class TrainSettings(Options):
     r: int | None = Field(None, ge=1, description="Latent dimension; left out, the smallest that meets the tolerance.")
     tolerance_mm: Positive = Field(6.0, description="Largest vertex error that the search allows, mm.")
     hidden: tuple[Annotated[int, Field(ge=1, le=2000)], ...] = Field(
@@ -95,7 +95,7 @@ class TrainSettings(Section):
     device: str = Field("auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
 
 
-class VirtualSettings(Section):
+class VirtualSettings(Options):
     points: int = Field(24, ge=0, description="Most virtual points of the latent set; 0 for none.")
     linear_points: int = Field(0, ge=0, description="The same for the linear set.")
     poses: int = Field(5000, ge=2, description="Most poses to fit; half recorded ones where others were rehearsed.")
@@ -107,7 +107,7 @@ class VirtualSettings(Section):
     rate: float = Field(3e-3, gt=0, lt=1, description="Largest step, in root mean squares of the strain maps' columns.")
 
 
-class CubatureSettings(Section):
+class CubatureSettings(Options):
     method: Literal["exchange", "ecsw", "an", "nn_htp", "uniform"] = Field(
         "exchange", description="How the points are found (docs/cubature.md)."
     )
@@ -134,7 +134,7 @@ class CubatureSettings(Section):
     seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")
 
 
-class SimulateSettings(Section):
+class SimulateSettings(Options):
     motions: tuple[str, ...] | None = Field(None, description="Which motions; left out, all.")
     points: int | None = Field(None, ge=1, description="The largest latent set of at most so many; left out, the best.")
     linear_points: int | None = Field(None, ge=1, description="The same for the linear set.")
@@ -147,11 +147,11 @@ class SimulateSettings(Section):
     window: Positive = Field(0.25, description="Restart from the full space this often for the windowed error, s.")
 
 
-class ReportSettings(Section):
+class ReportSettings(Options):
     pictures: int = Field(3, ge=0, le=12, description="Moments to show, full beside linear and latent.")
 
 
-class Settings(Section):
+class Settings(Options):
     """One experiment."""
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name; files lie in runs/<experiment>/.")

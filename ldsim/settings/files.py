@@ -7,17 +7,17 @@ import os
 from pathlib import Path
 
 from ldsim.errors import SettingsError
+from ldsim.options import Options
 from ldsim.settings.experiment import Settings
 from ldsim.settings.reading import dump
-from ldsim.settings.section import Section
 
 DATA_VARIABLE = "LDSIM_DATA"
 DATA_ORIGIN = "its authors publish it in the GitHub repository lawsonfulton/AutoDef"
 
 
-def stage_settings(settings: Settings, stage: str) -> Section:
+def stage_settings(settings: Settings, stage: str) -> Options:
     """The section of a stage."""
-    section: Section = getattr(settings, stage)
+    section: Options = getattr(settings, stage)
     return section
 
 

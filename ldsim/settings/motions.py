@@ -7,13 +7,13 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from ldsim.options import Options, Positive, Vector
 from ldsim.settings.scene import RegionSettings
-from ldsim.settings.section import Positive, Section, Vector
 
 MOTION_KINDS = ("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
 
 
-class PullSettings(Section):
+class PullSettings(Options):
     count: int = Field(ge=1, description="Number of pulls, one after another.")
     seed: int = Field(0, ge=0, description="Seed of where and which way.")
     reach: Positive = Field(description="How far the pointer goes from the surface, m.")
@@ -23,7 +23,7 @@ class PullSettings(Section):
     rest: int = Field(40, ge=0, description="Frames of free motion after each pull.")
 
 
-class KeyframeSettings(Section):
+class KeyframeSettings(Options):
     time: float = Field(ge=0, description="Since the beginning of the motion, s.")
 
 
@@ -40,7 +40,7 @@ class AccelerationSettings(KeyframeSettings):
     acceleration: Vector = Field(description="Gravity, m/s².")
 
 
-class PathSettings(Section):
+class PathSettings(Options):
     """Keyframes in time, and how to go from one to the next."""
 
     interpolation: Literal["eased", "linear"] = Field(
@@ -78,7 +78,7 @@ class GravitySettings(PathSettings):
     keyframes: tuple[AccelerationSettings, ...] = Field(description="Gravity before, between and after them.")
 
 
-class ScriptSettings(Section):
+class ScriptSettings(Options):
     """What happens at what time; grabs, moving pins and gravity may go together."""
 
     grabs: tuple[GrabSettings, ...] = Field((), description="Pulls of the pointer.")
@@ -93,13 +93,13 @@ class ScriptSettings(Section):
         return self
 
 
-class GravitySweepSettings(Section):
+class GravitySweepSettings(Options):
     duration: Positive = Field(description="s.")
     turns: int = Field(4, ge=1, description="Turns of the spiral from the scene's gravity to its opposite.")
     size: Positive | None = Field(None, description="Of the acceleration, m/s²; left out, that of the scene's gravity.")
 
 
-class ReleaseSettings(Section):
+class ReleaseSettings(Options):
     """A grab that takes the solid slowly into a pose, waits until it is still, and lets go."""
 
     point: Vector = Field(description="Where it takes hold, on the rest shape, m.")
@@ -111,7 +111,7 @@ class ReleaseSettings(Section):
     swing: Positive = Field(1.0, description="Time of free motion after that, s.")
 
 
-class MotionSettings(Section):
+class MotionSettings(Options):
     name: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the motion in every artefact.")
     role: Literal["train", "heldout"] | None = Field(
         None, description="Whether the model may learn from it; left out, train, or as heldout_share chooses."

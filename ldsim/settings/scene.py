@@ -6,18 +6,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ldsim.settings.section import Positive, Section, Vector
+from ldsim.options import Options, Positive, Vector
 
 MaterialName = Literal["neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"]
 
 
-class MaterialSettings(Section):
+class MaterialSettings(Options):
     model: MaterialName = Field("neo_hookean", description="Elastic energy density.")
     youngs_modulus: float = Field(gt=0, description="Young's modulus, Pa.")
     poisson_ratio: float = Field(0.47, gt=-1, lt=0.5, description="Poisson's ratio.")
 
 
-class ShapeSettings(Section):
+class ShapeSettings(Options):
     name: str = Field(
         description="A procedural shape: beam, mounted_bar, cross, slender_cross, catapult, pendulum, dumbbell."
     )
@@ -25,7 +25,7 @@ class ShapeSettings(Section):
     cell_type: Literal["tet4", "hex8"] = Field("tet4", description="Linear tetrahedra or trilinear hexahedra.")
 
 
-class SurfaceSettings(Section):
+class SurfaceSettings(Options):
     """A closed triangle surface, filled with tets."""
 
     file: str = Field(description="Triangle surface: .stl, .obj, .ply, .off and others.")
@@ -43,18 +43,18 @@ class SurfaceSettings(Section):
         return self
 
 
-class SlabSettings(Section):
+class SlabSettings(Options):
     axis: Literal["x", "y", "z"] = Field(description="Axis across the slab.")
     at: Literal["min", "max"] = Field("min", description="Which end of the solid.")
     thickness: Positive = Field(description="Vertices within it of the end are pinned, m.")
 
 
-class BallSettings(Section):
+class BallSettings(Options):
     centre: Vector = Field(description="Centre of the ball, m.")
     radius: Positive = Field(description="Vertices within it of the centre are pinned, m.")
 
 
-class BoxSettings(Section):
+class BoxSettings(Options):
     min: Vector = Field(description="Its corner of smallest coordinates, m.")
     max: Vector = Field(description="Its corner of largest coordinates, m.")
 
@@ -65,7 +65,7 @@ class BoxSettings(Section):
         return self
 
 
-class RegionSettings(Section):
+class RegionSettings(Options):
     """A part of the solid at rest."""
 
     slab: SlabSettings | None = Field(None, description="One end of the solid.")
@@ -83,7 +83,7 @@ class RegionSettings(Section):
         return self
 
 
-class MaterialChangeSettings(Section):
+class MaterialChangeSettings(Options):
     """What is different from the material so far; what is left out stays."""
 
     model: MaterialName | None = Field(None, description="Elastic energy density.")
@@ -92,13 +92,13 @@ class MaterialChangeSettings(Section):
     poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Poisson's ratio.")
 
 
-class MaterialRegionSettings(Section):
+class MaterialRegionSettings(Options):
     where: RegionSettings = Field(description="Cells whose centroid lies in it, or that its list or group holds.")
     material: MaterialChangeSettings = MaterialChangeSettings()  # type: ignore[call-arg]
     density: Positive | None = Field(None, description="kg/m³.")
 
 
-class CellDataSettings(Section):
+class CellDataSettings(Options):
     """Names of numbers that the mesh file gives to each cell."""
 
     youngs_modulus: str | None = Field(None, description="Young's modulus, Pa.")
@@ -106,7 +106,7 @@ class CellDataSettings(Section):
     density: str | None = Field(None, description="kg/m³.")
 
 
-class LoadSettings(Section):
+class LoadSettings(Options):
     """A force on a region that keeps its size and direction however the solid deforms."""
 
     where: RegionSettings = Field(description="Its cells, or the faces of the surface whose vertices all lie in it.")
@@ -121,7 +121,7 @@ class LoadSettings(Section):
         return self
 
 
-class MeshSettings(Section):
+class MeshSettings(Options):
     """The scene: all that is physical."""
 
     file: str | None = Field(None, description="Volume mesh in a format that meshio reads.")

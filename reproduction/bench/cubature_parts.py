@@ -20,9 +20,10 @@ from results_file import Row, row
 from ldsim.cubature.fit import METHODS
 from ldsim.cubature.forces import ProjectedForces, pose_scales
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet, residuals
+from ldsim.cubature.ladder import residuals
 from ldsim.cubature.metric import rest_compliance
 from ldsim.cubature.rows import FLOOR
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import Recipe, perturb, select, split_poses
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.pipeline.comparison import run_reduced, with_errors
@@ -78,7 +79,7 @@ def poses(model: Model, effort: Effort) -> tuple[Indices, Indices]:
     return split_poses(frames, fitted, min(effort.kept_back, frames - fitted), seed=0)
 
 
-def largest(ladder: tuple[CubatureSet, ...], most: int) -> CubatureSet:
+def largest(ladder: tuple[CubatureRule, ...], most: int) -> CubatureRule:
     """The largest set of at most so many points, the best of these on the fitted poses."""
     return max((entry for entry in ladder if len(entry.points) <= most), key=lambda entry: len(entry.points))
 
@@ -91,7 +92,7 @@ class Fitted:
     effort: Effort
     folder: Path
 
-    def ladder(self, fit: str, most: int) -> tuple[CubatureSet, ...]:
+    def ladder(self, fit: str, most: int) -> tuple[CubatureRule, ...]:
         """The sets of a fit of at most `most` points."""
         path = self.folder / f"{self.model.name}-{fit.replace(' ', '_')}-{most}.npz"
         if not path.exists():
@@ -103,7 +104,7 @@ class Fitted:
             np.savez(path, **arrays)
         with np.load(path) as stored:
             return tuple(
-                CubatureSet(stored[f"points_{i}"], stored[f"weights_{i}"], float(stored[f"training_error_{i}"]))
+                CubatureRule(stored[f"points_{i}"], stored[f"weights_{i}"], float(stored[f"training_error_{i}"]))
                 for i in range(len(stored.files) // 3)
             )
 
@@ -116,7 +117,7 @@ class Fitted:
         return float(json.loads(path.read_text()))
 
 
-def judged(model: Model, effort: Effort, sets: list[CubatureSet]) -> Iterator[tuple[str, str, Array]]:
+def judged(model: Model, effort: Effort, sets: list[CubatureRule]) -> Iterator[tuple[str, str, Array]]:
     """Errors of sets at decoded poses, none of which was fitted: which poses, which norm, the errors (l,)."""
     space, (_, kept_back) = model.space, poses(model, effort)
     places = np.linspace(0, len(model.unseen) - 1, min(effort.kept_back, len(model.unseen))).astype(int)
@@ -212,7 +213,7 @@ def every_element_error(model: Model, motion: str, frames: int | None) -> float:
     return distance / moved
 
 
-def set_error(model: Model, points: CubatureSet, motion: str, frames: int | None) -> float:
+def set_error(model: Model, points: CubatureRule, motion: str, frames: int | None) -> float:
     """The same with a cubature set, as `ldsim simulate` steps it."""
     space, recorded = model.space, model.snapshots.recorded(motion)
     stepper = ReducedStepper(space.scene, space.U, space.decoder, points, tolerance=STOP, current=True)

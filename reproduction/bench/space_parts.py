@@ -22,7 +22,7 @@ from scipy.sparse import csr_array, eye_array
 from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.learn import TrainingOptions, train
 from ldsim.learn.equilibrium import spread_forces
@@ -73,7 +73,7 @@ class Solid:
     settings: TrainSettings
     snapshots: Snapshots
     rehearsed: Array
-    cubature: CubatureSet | None
+    cubature: CubatureRule | None
 
     def coordinates(self, names: list[str]) -> Array:
         """q of all frames of some motions, (N, k)."""

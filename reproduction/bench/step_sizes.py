@@ -15,7 +15,7 @@ from cubature_models import model
 from results_file import row, write_results
 
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import Recipe, select, split_poses
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
@@ -41,7 +41,7 @@ def main() -> None:
                 ("dragon", fine.space, 8 * chosen.points),
             ):
                 steppers[name] = ReducedStepper(
-                    space.scene, space.U, space.decoder, CubatureSet(points, chosen.weights, 0.0)
+                    space.scene, space.U, space.decoder, CubatureRule(points, chosen.weights, 0.0)
                 )
                 seconds[name], cells[name] = [], space.scene.mesh.n_cells
             recorded = coarse.snapshots.recorded(MOTION)

@@ -17,7 +17,7 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import file_hash
 from ldsim.cubature.aims import Aiming, Aims
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import PoseSpace, Recipe, select, split_poses
 from ldsim.cubature.virtual import VirtualRecipe, choose_poses, fit_virtual, largest
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
@@ -51,7 +51,7 @@ def linear_spaces(folder: Path, dimensions: list[int], kept: Path) -> Iterator[R
     for k in dimensions:
         identity = Decoder.identity(k)
 
-        def make(k: int = k, identity: Decoder = identity) -> list[CubatureSet]:
+        def make(k: int = k, identity: Decoder = identity) -> list[CubatureRule]:
             with _pose_space(folder, identity, lambda q: np.ascontiguousarray(q[:, :k])) as (space, recorded):
                 poses = len(space.z)
                 fitted, kept_back = split_poses(poses, min(POSES, poses * 2 // 3), min(KEPT_BACK, poses // 3), seed=0)
@@ -84,8 +84,8 @@ def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]
 
 
 def _virtual(
-    space: PoseSpace, ladder: tuple[CubatureSet, ...], recorded: int, sizes: tuple[int, ...]
-) -> list[CubatureSet]:
+    space: PoseSpace, ladder: tuple[CubatureRule, ...], recorded: int, sizes: tuple[int, ...]
+) -> list[CubatureRule]:
     """Virtual points of several sizes that aim at the forces of decoded poses: with the true ones PCA-40 of x with 58
     points was 30 % off on x_1 instead of 9.7 %."""
     none = np.empty(0, dtype=np.int64)
@@ -94,7 +94,7 @@ def _virtual(
     return [fit_virtual(space.scene, space.U, largest(ladder, size), fitted, aside, VIRTUAL) for size in sizes]
 
 
-def _kept(path: Path, make: Callable[[], list[CubatureSet]]) -> list[CubatureSet]:
+def _kept(path: Path, make: Callable[[], list[CubatureRule]]) -> list[CubatureRule]:
     """The sets of a file, made where there is none."""
     if not path.exists():
         sets = make()
@@ -108,7 +108,7 @@ def _kept(path: Path, make: Callable[[], list[CubatureSet]]) -> list[CubatureSet
         partial.rename(path)
     with np.load(path) as stored:
         return [
-            CubatureSet(
+            CubatureRule(
                 stored[f"points_{i}"],
                 stored[f"weights_{i}"],
                 float(stored[f"error_{i}"]),

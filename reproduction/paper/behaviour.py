@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ldsim.cubature.fit import fit
 from ldsim.cubature.forces import ProjectedForces
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import split_poses
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import one_thread
@@ -65,7 +65,7 @@ def one_cubature_point(bench: Bench) -> Outcome:
     return Outcome(to_svg(figure, label), numbers, relations)
 
 
-def _single_point(run: Material, decoder: Decoder, z: Array) -> CubatureSet:
+def _single_point(run: Material, decoder: Decoder, z: Array) -> CubatureRule:
     U = np.ascontiguousarray(run.basis.U[:, : decoder.k])
     poses, _ = split_poses(len(z), min(POSES, len(z) - 1), 0, seed=0)
     return fit(ProjectedForces(run.scene, U, decoder, z[poses]), Goal(1e-6, 1)).best

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
@@ -43,7 +43,7 @@ def _full(scene: Scene, u: Array) -> Solve:
 
 def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
     q = decoder(z)
-    every = CubatureSet.every(scene)
+    every = CubatureRule.every(scene)
 
     def solve(most: int) -> Solution:
         stepper = ReducedStepper(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.records import StoredModel, read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.snapshots import Recorded, Snapshots
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.scene import Scene
@@ -46,7 +46,7 @@ class Material:
     def model(self) -> StoredModel:
         return read_model(self.folder / "model.h5")[0]
 
-    def cubature(self, space: str, stepped: bool = False) -> CubatureSet:
+    def cubature(self, space: str, stepped: bool = False) -> CubatureRule:
         """The chosen set on the mesh, as the paper's are, or what `simulate` steps with."""
         stored = read_cubature(self.folder / "cubature.h5")[0][space]
         return stored.stepped if stepped else stored.best
@@ -86,7 +86,7 @@ class Material:
         self,
         motion: str,
         decoder: Decoder,
-        points: CubatureSet | None = None,
+        points: CubatureRule | None = None,
         frames: int | None = None,
         scene: Scene | None = None,
         current: bool = True,
@@ -94,7 +94,7 @@ class Material:
         """Run a motion in the space of a decoder, with every quadrature point unless a set is given; with errors."""
         scene = scene or self.scene
         U = np.ascontiguousarray(self.basis.U[:, : decoder.k])
-        chosen = CubatureSet.every(scene) if points is None else points
+        chosen = CubatureRule.every(scene) if points is None else points
         stepper = ReducedStepper(scene, U, decoder, chosen, tolerance=STOP, max_iterations=200, current=current)
         recorded = self.recorded(motion)
         count = min(frames or recorded.motion.frames, recorded.motion.frames)

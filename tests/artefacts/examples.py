@@ -26,7 +26,8 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
-from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
@@ -77,11 +78,11 @@ def model() -> StoredModel:
 
 def cubature() -> dict[str, StoredCubature]:
     def stored(*sizes: int) -> StoredCubature:
-        sets = (CubatureSet(np.arange(n) * 2, numbers(n), 1.0 / n) for n in sizes)
+        sets = (CubatureRule(np.arange(n) * 2, numbers(n), 1.0 / n) for n in sizes)
         return StoredCubature(tuple(sets), numbers(len(sizes)), 1)
 
     found = VirtualSelection(
-        CubatureSet(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75, 1.0, numbers(3, 2)
+        CubatureRule(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75, 1.0, numbers(3, 2)
     )
     return {"latent": replace(stored(2, 5, 9), virtual=found), "linear": stored(3, 4)}
 

@@ -12,7 +12,8 @@ from scipy.optimize import nnls
 from ldsim.cubature.fit import fit
 from ldsim.cubature.forces import ProjectedForces
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureFit, CubatureSet, relative_error, relative_errors
+from ldsim.cubature.ladder import CubatureFit, relative_error, relative_errors
+from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
 from tests.cubature.cubature_problems import (
     GivenColumns,
@@ -50,9 +51,9 @@ def name(request: pytest.FixtureRequest) -> str:
 
 def test_every_point_with_its_full_weight_has_no_error(name: str) -> None:
     forces = forces_of(name)
-    whole = CubatureSet(np.arange(forces.n_points), forces.point_weights, 0.0)
+    whole = CubatureRule(np.arange(forces.n_points), forces.point_weights, 0.0)
     assert relative_error(forces, whole) < 1e-13
-    half = CubatureSet(whole.points, 0.5 * whole.weights, 0.0)
+    half = CubatureRule(whole.points, 0.5 * whole.weights, 0.0)
     assert relative_error(forces, half) == pytest.approx(0.5)
 
 
@@ -179,7 +180,7 @@ def test_a_setting_out_of_range_is_refused(options: dict[str, float], words: str
 )
 def test_a_set_that_is_no_quadrature_rule_is_refused(points: list[int], weights: list[float], words: str) -> None:
     with pytest.raises(SolverError, match=words):
-        CubatureSet(np.array(points), np.array(weights), 0.0)
+        CubatureRule(np.array(points), np.array(weights), 0.0)
 
 
 def test_the_errors_of_many_sets_are_those_of_each() -> None:
@@ -191,4 +192,4 @@ def test_the_errors_of_many_sets_are_those_of_each() -> None:
 @pytest.mark.parametrize("point", [-1, 10**6])
 def test_a_set_of_another_scene_is_refused(point: int) -> None:
     with pytest.raises(SolverError, match="the scene it was fitted on"):
-        relative_error(forces_of("latent tet4"), CubatureSet(np.array([point]), np.ones(1), 0.0))
+        relative_error(forces_of("latent tet4"), CubatureRule(np.array([point]), np.ones(1), 0.0))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ldsim.cubature.aims import Aiming, Aims
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import CubatureSet
 from ldsim.cubature.metric import rest_compliance
+from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import PoseSpace, Recipe, select
 from ldsim.cubature.virtual import VirtualRecipe, _points, fit_virtual, select_virtual, virtual_error
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper, reduced_rest_stiffness
@@ -53,10 +53,10 @@ def at(space: PoseSpace, points: Indices, closure: float, poses: Indices, seed: 
     return aiming.aims(aiming.forces(poses, (seed,)), closure)
 
 
-def start(space: PoseSpace, points: int, seed: int = 0) -> CubatureSet:
+def start(space: PoseSpace, points: int, seed: int = 0) -> CubatureRule:
     rng, volume = np.random.default_rng(seed), space.scene.points.weights.sum()
     chosen = np.sort(rng.choice(space.scene.points.n_points, points, replace=False))
-    return CubatureSet(chosen, rng.uniform(0.5, 1.5, points) * volume / points, 1.0)
+    return CubatureRule(chosen, rng.uniform(0.5, 1.5, points) * volume / points, 1.0)
 
 
 def force(space: PoseSpace, u: Array) -> Array:
@@ -119,7 +119,7 @@ def test_the_gradient_is_that_of_finite_differences(material: str, moving: bool)
 def test_all_points_of_the_mesh_meet_aims_at_decoded_poses_exactly() -> None:
     space = replace(made(), scene=two_materials(made().scene))
     aims, near = at(space, np.arange(space.scene.points.n_points), 0.0, EVERY, 0)
-    every = CubatureSet.every(space.scene)
+    every = CubatureRule.every(space.scene)
     assert virtual_error(space.scene, space.U, every, aims) < 1e-12
     assert virtual_error(space.scene, space.U, every, near) < 1e-12
 
@@ -142,7 +142,7 @@ def test_with_a_closure_the_forces_of_the_true_poses_are_met(space: PoseSpace) -
     closed = select_virtual(space, ladder, KEPT_BACK, 60, replace(RECIPE, points=12, closures=(1.0,)))
     judge, _ = at(space, ladder[-1].points, 1.0, KEPT_BACK, 0)
     assert virtual_error(space.scene, space.U, closed.cubature, judge) == pytest.approx(closed.heldout_error)
-    exact = virtual_error(space.scene, space.U, CubatureSet.every(space.scene), judge)
+    exact = virtual_error(space.scene, space.U, CubatureRule.every(space.scene), judge)
     assert closed.heldout_error < 0.7 * min(exact, virtual_error(space.scene, space.U, ladder[-1], judge))
 
 
@@ -221,9 +221,9 @@ def test_the_closure_that_is_judged_best_is_taken(space: PoseSpace, best: float)
     ladder, closures = (start(space, 3), start(space, 5)), (0.0, 0.5, 1.0)
     errors = iter([*(abs(best - closure) + 0.1 for closure in closures), 0.2])
     recipe = replace(RECIPE, points=3, steps=10, closures=closures)
-    judged: list[CubatureSet] = []
+    judged: list[CubatureRule] = []
 
-    def judge(cubature: CubatureSet) -> float:
+    def judge(cubature: CubatureRule) -> float:
         judged.append(cubature)
         return next(errors)
 

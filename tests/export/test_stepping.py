@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.arrays import safetensors, space_arrays
 from ldsim.export.source import ReducedSpace
@@ -171,7 +171,7 @@ def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder(
         body = loaded(scene(beam(resolution=1), material, youngs_modulus=5e4))
         decoder = Decoder.identity(K) if activation == "identity" else curved(activation)
         points = np.arange(0, body.points.n_points, 3)
-        cubature = CubatureSet(points, 3 * body.points.weights[points], 0.0)
+        cubature = CubatureRule(points, 3 * body.points.weights[points], 0.0)
         space, motion = ReducedSpace(some_basis(body), decoder, cubature), swing(body)
         tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
         q, iterations = play_in_python(body, space, motion, tracker)
@@ -198,7 +198,7 @@ def test_a_drag_takes_hold_of_the_same_vertices() -> None:
     body = scene(beam(resolution=2))
     U = orthonormalised(bent(body.mesh).reshape(-1, 1) * np.repeat(body.movable, 3)[:, None], body.mass)
     q = U.T @ (body.mass @ (bent(body.mesh) * body.movable[:, None])).ravel()
-    space = ReducedSpace(U, Decoder.identity(1), CubatureSet(np.arange(3), np.ones(3), 0.0))
+    space = ReducedSpace(U, Decoder.identity(1), CubatureRule(np.arange(3), np.ones(3), 0.0))
     positions = body.mesh.vertices + (U @ q).reshape(-1, 3)
     point, radius = positions[body.mesh.vertices[:, 0].argmax()] + 1e-3, 0.4 * np.ptp(body.mesh.vertices[:, 1])
     drag = Drag(0, point, point[None], radius, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.errors import MotionError
@@ -50,7 +50,7 @@ def recorded(motion: Motion) -> tuple[NDArray[np.float32], dict[int, NDArray[np.
 
 
 def whole(U: Array) -> ReducedSpace:
-    points = CubatureSet(np.arange(BODY.points.n_points), BODY.points.weights, 0.0)
+    points = CubatureRule(np.arange(BODY.points.n_points), BODY.points.weights, 0.0)
     return ReducedSpace("linear", U, Decoder.identity(U.shape[1]), Encoder((), ()), points)
 
 
@@ -111,7 +111,7 @@ def test_a_space_that_holds_every_motion_relative_to_pins_that_move_has_no_error
 
 def test_pins_that_a_stepper_was_not_prepared_for_are_refused_and_the_motion_named() -> None:
     support = Support(np.flatnonzero(BODY.pinned), np.tile(np.eye(3, 4), (2, 1, 1)))
-    U, every = basis(4), CubatureSet.every(BODY)
+    U, every = basis(4), CubatureRule.every(BODY)
     stepper = ReducedStepper(BODY, U, Decoder.identity(4), every)
     with pytest.raises(MotionError, match="motion twist moves pins, for which this space was not prepared"):
         run_reduced(stepper, BODY, Motion("twist", 2, supports=(support,)), {}, range(2))
@@ -119,7 +119,7 @@ def test_pins_that_a_stepper_was_not_prepared_for_are_refused_and_the_motion_nam
 
 def test_a_lost_run_ends_in_nan_and_counts_as_diverged() -> None:
     U = basis()
-    every = CubatureSet.every(BODY)
+    every = CubatureRule.every(BODY)
     stepper = ReducedStepper(BODY, U, Decoder.identity(U.shape[1]), every)
     inverted = -2 * BODY.mesh.vertices
     inverted[BODY.pinned] = 0

@@ -27,7 +27,7 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
@@ -176,7 +176,7 @@ def _write_cubature(folder: Path) -> None:
     for space, shift in (("latent", 0), ("linear", 3)):
         counts = (2 + shift, 5 + shift)
         ladder = tuple(
-            CubatureSet(np.arange(count), np.full(count, 1e-5), error)
+            CubatureRule(np.arange(count), np.full(count, 1e-5), error)
             for count, error in zip(counts, (0.2, 0.05), strict=True)
         )
         spaces[space] = StoredCubature(ladder, np.array([0.25, 0.07 + shift / 100]), 1)

@@ -18,7 +18,8 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
-from ldsim.cubature.ladder import CubatureSet, VirtualSelection
+from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
@@ -68,7 +69,7 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
     write_model(folder / "model.h5", header(folder, "model", activation="elu"), model)
     points = body.points
     ladder = tuple(
-        CubatureSet(np.arange(points.n_points)[::stride], stride * points.weights[::stride], 0.0) for stride in (4, 1)
+        CubatureRule(np.arange(points.n_points)[::stride], stride * points.weights[::stride], 0.0) for stride in (4, 1)
     )
     stored = StoredCubature(ladder, np.zeros(2), 1)
     maps = ladder[0].strain_maps(body, U)

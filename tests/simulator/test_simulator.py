@@ -10,7 +10,7 @@ import pytest
 from benchmarks.soak import soak
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
 from ldsim.errors import MotionError, SceneError, SolverError
@@ -32,7 +32,7 @@ def reduced(body: Scene = BODY, decoder: Decoder | None = None, U: Array | None 
     decoder = curved_decoder() if decoder is None else decoder
     U = modes(body) if U is None else U
     every = np.arange(body.points.n_points)
-    stepper = ReducedStepper(body, U, decoder, CubatureSet.every(body), tolerance=1e-9)
+    stepper = ReducedStepper(body, U, decoder, CubatureRule.every(body), tolerance=1e-9)
     return Simulator(body, ReducedDynamics(body, stepper), "latent", basis=U, points=every, **options)
 
 

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import BY_NUMBER, Material
 from ldsim.dynamics.reduced.stepper import reduced_mass
@@ -81,7 +81,7 @@ class BatchedModel:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        cubature: CubatureSet,
+        cubature: CubatureRule,
         device: torch.device,
         dtype: torch.dtype,
     ) -> BatchedModel:

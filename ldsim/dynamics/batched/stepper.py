@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedModel, Conditions
 from ldsim.dynamics.reduced.stepper import ReducedState
@@ -78,7 +78,7 @@ class BatchedStepper:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        cubature: CubatureSet,
+        cubature: CubatureRule,
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 100,

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
-from ldsim.cubature.strain_maps import strain_maps
+from ldsim.cubature.rule import CubatureRule, strain_maps
 from ldsim.dynamics.reduced.advance import Reference, advance, step_reference
 from ldsim.dynamics.reduced.minimiser import Method, Options
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
@@ -142,7 +141,7 @@ class ReducedStepper:
     """Steps a scene in the space u = U φ(z) + L a with a weighted few quadrature points.
 
     Args:
-        cubature: the points, on the mesh or virtual; `CubatureSet.every(scene)` for all.
+        cubature: the points, on the mesh or virtual; `CubatureRule.every(scene)` for all.
         method, current: the minimiser (`dynamics.reduced.Options`).
         inertia_in_metric: false for the paper's Eq. 15, JᵀK̃₀J.
         lifting: the pins that may move, L; None where all stand still.
@@ -156,7 +155,7 @@ class ReducedStepper:
         scene: Scene,
         U: Array,
         decoder: Decoder,
-        cubature: CubatureSet,
+        cubature: CubatureRule,
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 500,

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched import BatchedState, BatchedStepper, Conditions
 from ldsim.dynamics.batched.newton import newton_direction
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
@@ -62,8 +62,8 @@ CASES = {f"{material} elu": (material, DECODERS["elu"]) for material in MATERIAL
 CASES |= {f"neo_hookean {name}": ("neo_hookean", decoder) for name, decoder in DECODERS.items()}
 
 
-def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, CubatureSet]:
-    return some, basis(some), decoder, CubatureSet.every(some)
+def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, CubatureRule]:
+    return some, basis(some), decoder, CubatureRule.every(some)
 
 
 def batched(some: Scene, decoder: Decoder, **options: object) -> BatchedStepper:
@@ -107,7 +107,7 @@ def test_virtual_points_of_several_materials_are_those_of_the_serial_stepper() -
     plain, rng = body(), np.random.default_rng(4)
     kinds = np.where(np.arange(plain.mesh.n_cells) % 2 == 0, MATERIALS["fixed_corotated"], plain.material)
     mixed = replace(plain, material=kinds.astype(np.int8))
-    every = CubatureSet.every(mixed)
+    every = CubatureRule.every(mixed)
     maps = every.strain_maps(mixed, basis(plain))
     virtual = replace(every, maps=maps * rng.uniform(0.9, 1.1, maps.shape))
     grabs = pulls(plain, 1)

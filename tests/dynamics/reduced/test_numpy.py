@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.dynamics.test_reduced import some_basis
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.mechanics.materials import lame_parameters
 from ldsim.mechanics.motion import Grab
@@ -66,7 +66,7 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
     U = some_basis(body, K)
     W1, W2, b1, A = rng.normal(size=(R, 5)), 0.05 * rng.normal(size=(5, K)), rng.normal(size=5), np.eye(R, K)
     compiled = ReducedStepper(
-        body, U, Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A), CubatureSet(points, w, 0.0)
+        body, U, Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A), CubatureRule(points, w, 0.0)
     )
 
     def elu(x: Complex) -> Complex:

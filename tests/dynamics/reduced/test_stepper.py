@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.ladder import CubatureSet
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import grab_rows
 from ldsim.dynamics.full.stepper import FullState, FullStepper
@@ -65,7 +65,7 @@ def curved(k: int, r: int) -> Decoder:
 
 
 def stepper(body: Scene, U: Array, decoder: Decoder, **options: object) -> ReducedStepper:
-    return ReducedStepper(body, U, decoder, CubatureSet.every(body), **options)  # type: ignore[arg-type]
+    return ReducedStepper(body, U, decoder, CubatureRule.every(body), **options)  # type: ignore[arg-type]
 
 
 def pull(body: Scene, amount: float = 0.05) -> list[Grab]:

@@ -1,0 +1,87 @@
+"""A cubature rule: a smaller quadrature rule, some points with weights of their own, on the mesh or virtual.
+
+The potential sees a point only by its strain map, the linear dependence of its deformation gradient on the coordinates
+of a basis, so a point that lies nowhere on the mesh is as good as one that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import SolverError
+from ldsim.mechanics.scene import Scene
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CubatureRule:
+    """A smaller quadrature rule.
+
+    Attributes:
+        points: quadrature points of the scene, ascending, (c,) int64.
+        weights: their weights, (c,) float64, m³, positive; they replace the scene's.
+        training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
+        maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
+            material of its point of the mesh, but a deformation gradient of its own (`virtual`).
+
+    Raises:
+        SolverError: on shapes that differ, a point given twice, a weight that is not positive and finite, or maps that
+            are not finite.
+    """
+
+    points: Indices
+    weights: Array
+    training_error: float
+    maps: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 1 or self.points.shape != self.weights.shape:
+            raise SolverError(
+                f"cubature rule has points of shape {self.points.shape} and weights of shape {self.weights.shape}; "
+                "both must be (c,)"
+            )
+        if len(np.unique(self.points)) < len(self.points):
+            raise SolverError("cubature rule has a point twice; give each one weight")
+        if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):
+            raise SolverError(f"cubature weight is {self.weights.min():g} m³; all must be positive and finite")
+        if self.maps is not None and self.maps.shape[:2] != (len(self.points), 9):
+            raise SolverError(
+                f"cubature rule has strain maps of shape {self.maps.shape}; must be ({len(self.points)}, 9, k)"
+            )
+        if self.maps is not None and not np.isfinite(self.maps).all():
+            raise SolverError("cubature rule has strain maps that are not finite")
+
+    @classmethod
+    def every(cls, scene: Scene) -> CubatureRule:
+        """All quadrature points of a scene with their own weights."""
+        return cls(np.arange(scene.points.n_points), scene.points.weights, 0.0)
+
+    def strain_maps(self, scene: Scene, U: Array) -> Array:
+        """∂F/∂q of the points in the space of U, (3n, k): their own, or those of the mesh; (c, 9, k) float64, 1/m.
+
+        Raises:
+            SolverError: the maps are of a basis of another size.
+        """
+        if self.maps is None:
+            return strain_maps(scene, U, self.points)
+        if self.maps.shape[2] != U.shape[1]:
+            raise SolverError(f"cubature has strain maps of {self.maps.shape[2]} columns; the basis has {U.shape[1]}")
+        return np.ascontiguousarray(self.maps, dtype=np.float64)
+
+
+def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
+    """∂F/∂q of the given points, (c, 9, k) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
+    k = U.shape[1]
+    nodal = U.reshape(scene.mesh.n_vertices, 3, k)
+    maps = np.empty((len(points), 9, k))
+    for start in range(0, len(points), 4096):
+        part = points[start : start + 4096]
+        maps[start : start + 4096] = np.einsum(
+            "saik,saj->sijk", nodal[scene.points.nodes[part]], scene.points.gradients[part], optimize=True
+        ).reshape(-1, 9, k)
+    return maps
