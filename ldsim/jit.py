@@ -48,7 +48,8 @@ def source_state(path: Path, package: Path = PACKAGE) -> str:
         seen.add(current)
         for name in IMPORT.findall(current.read_text(encoding="utf-8")):
             place = package.parent.joinpath(*name.split("."))
-            todo += [file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()]
+            # `from a.package import file` names the package alone, so each of its files counts
+            todo += [file for file in (place.with_suffix(".py"), *place.glob("*.py")) if file.is_file()]
     digest = hashlib.sha256()
     for file in sorted(seen):
         digest.update(f"{file.relative_to(package.parent)}\n".encode() + file.read_bytes())

@@ -46,6 +46,14 @@ def test_a_change_of_an_imported_file_changes_the_state(package: Path) -> None:
     assert state(package) != before
 
 
+def test_a_change_of_a_file_that_is_imported_by_the_name_of_its_package_changes_the_state(package: Path) -> None:
+    (package / "inner" / "__init__.py").write_text("")
+    (package / "a.py").write_text("from ldsim.inner import b\n")
+    before = state(package)
+    (package / "inner" / "b.py").write_text("y = 22\n")
+    assert state(package) != before
+
+
 def test_a_change_of_a_file_that_is_not_imported_does_not(package: Path) -> None:
     before = state(package)
     (package / "c.py").write_text("z = 22\n")
