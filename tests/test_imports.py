@@ -32,6 +32,7 @@ ROOMS = (
     "run",
     "simulator",
     "pipeline",
+    "web",
     "report",
     "export",
     "viewer",

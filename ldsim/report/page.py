@@ -10,7 +10,6 @@ from ldsim.report.page_style import STYLE
 from ldsim.report.replay import Replay
 from ldsim.report.replay_figure import replay_figure
 from ldsim.report.report_schema import check_report
-from ldsim.report.scripts import scoped
 from ldsim.report.sections import (
     Section,
     cost,
@@ -24,6 +23,7 @@ from ldsim.report.sections import (
     table_one,
     trust,
 )
+from ldsim.web import bundle
 
 
 def render_page(
@@ -77,7 +77,7 @@ def head(title: str) -> Markup:
         element("meta", name="color-scheme", content="light dark"),
         element("title", title),
         element("style", Markup(STYLE)),
-        element("script", Markup(scoped(["plot.js"]))),
+        element("script", Markup(bundle("report"))),
     )
 
 

@@ -7,7 +7,6 @@ frames need most besides, turned to its principal axes and cut off where the res
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from ldsim.report.errors import MM_PER_M
 from ldsim.report.finished_run import FinishedRun
 from ldsim.report.html import readable
 from ldsim.report.replay_films import Clip, take_clip
+from ldsim.web import inlined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -44,7 +44,7 @@ class Replay:
     """What the page needs, and what its reader must know.
 
     Attributes:
-        data: JSON for evaluation/web/replay.js.
+        data: JSON for web/src/replay.js.
         caption: what is shown and how exactly.
     """
 
@@ -80,7 +80,7 @@ def make_replay(run: FinishedRun) -> Replay | None:
         "motions": [_described(run, clip, stride, found) for clip, found in zip(clips, coordinates16, strict=True)],
     }
     caption = _caption(run, stride, names, len(vertices), len(scales), worst, mean)
-    return Replay(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"), caption)
+    return Replay(inlined(data), caption)
 
 
 def quantised(

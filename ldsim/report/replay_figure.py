@@ -1,17 +1,16 @@
-"""The replay as an element of the page: hidden until its script shows it."""
+"""The replay as an element of the page: hidden until the page's script shows it."""
 
 from __future__ import annotations
 
 from ldsim.report.html import Markup, element
 from ldsim.report.replay import Replay
-from ldsim.report.scripts import DRAWING, scoped
 
 # Multiples of real time.
 SPEEDS = {"real time": "1", "half": "0.5", "a quarter": "0.25", "a tenth": "0.1"}
 
 
 def replay_figure(replay: Replay) -> Markup:
-    """The figure with its data and, after it, the script."""
+    """The figure with its data."""
     canvas = element(
         "canvas",
         class_="canvas",
@@ -31,7 +30,7 @@ def replay_figure(replay: Replay) -> Markup:
         class_="key-bar",
     )
     hint = "Drag to turn; a wheel (after a click) or two fingers zoom. "
-    figure = element(
+    return element(
         "figure",
         stage,
         _controls(),
@@ -41,7 +40,6 @@ def replay_figure(replay: Replay) -> Markup:
         class_="replay",
         hidden="",
     )
-    return Markup(figure + element("script", Markup(scoped((*DRAWING, "replay.js")))))
 
 
 def _controls() -> Markup:

@@ -1,6 +1,8 @@
 // Draws a moving surface with WebGL 2: a lit solid and its shadow on a floor, seen by a camera that orbits. The surface
 // may be drawn several times, at other positions, in parts of one canvas.
 
+import { cross, dot, normalised } from "./surface.js";
+
 const VERTEX = `#version 300 es
 uniform mat4 project, turn;
 uniform float flat_at;   // height of the floor where the shadow is drawn, or a huge number for the surface itself
@@ -37,7 +39,7 @@ void main() {
 }`;
 const LAMP = normalised([-0.3, 0.72, 0.62]);
 
-class View {
+export class View {
   /** up: the rotation (9, row by row) that turns the model's up to y. */
   constructor(canvas, surface, up, azimuth, elevation) {
     const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: true });

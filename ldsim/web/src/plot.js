@@ -54,7 +54,7 @@ class Scale {
   }
 }
 
-class Plot {
+export class Plot {
   constructor(svg) {
     this.svg = svg;
     this.frame = svg.parentElement;
@@ -364,7 +364,3 @@ class Plot {
     this.zoom({ x: [middle - factor * (middle - a), middle + factor * (b - middle)] });
   }
 }
-
-document.addEventListener("DOMContentLoaded", () => {
-  for (const svg of document.querySelectorAll(".plot > svg[data-axes]")) svg.parentElement.plot = new Plot(svg);
-});

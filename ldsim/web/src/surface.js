@@ -2,20 +2,20 @@
 
 const CREASE = Math.cos((35 * Math.PI) / 180); // facets that meet at a sharper angle have an edge between them
 
-function normalised(v) {
+export function normalised(v) {
   const length = Math.hypot(...v) || 1;
   return v.map((x) => x / length);
 }
 
-function cross(a, b) {
+export function cross(a, b) {
   return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 }
 
-function dot(a, b) {
+export function dot(a, b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-class Surface {
+export class Surface {
   /** rest: positions (3v); triangles: in the numbering of the vertices. */
   constructor(rest, triangles) {
     this.rest = rest;

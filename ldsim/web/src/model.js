@@ -1,9 +1,11 @@
 // The model inside the page: a safetensors file (ldsim/export/arrays.py), unpacked without a copy where it is aligned.
 
+import { Decoder } from "./decoder.js";
+
 const ARRAY_TYPES = { F64: Float64Array, F32: Float32Array, I32: Int32Array, I8: Int8Array, U8: Uint8Array };
 
 /** name → { data, shape } of a safetensors file in an ArrayBuffer. */
-function readSafetensors(buffer) {
+export function readSafetensors(buffer) {
   const length = Number(new DataView(buffer).getBigUint64(0, true));
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
   const arrays = { notes: header.__metadata__ };
@@ -17,7 +19,7 @@ function readSafetensors(buffer) {
 }
 
 /** One space of the model: what the step reads. */
-function spaceOf(arrays, name) {
+export function spaceOf(arrays, name) {
   const part = (key) => arrays[`${name}/${key}`].data;
   const sizes = Array.from(part("sizes"));
   return {

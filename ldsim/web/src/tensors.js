@@ -2,12 +2,12 @@
 
 const SWEEPS = 12;
 
-function determinant(A) {
+export function determinant(A) {
   return A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) + A[2] * (A[3] * A[7] - A[4] * A[6]);
 }
 
 /** det(A) A^(−T), the derivative of the determinant. */
-function cofactor(A, C) {
+export function cofactor(A, C) {
   C[0] = A[4] * A[8] - A[5] * A[7];
   C[1] = A[5] * A[6] - A[3] * A[8];
   C[2] = A[3] * A[7] - A[4] * A[6];
@@ -19,14 +19,14 @@ function cofactor(A, C) {
   C[8] = A[0] * A[4] - A[1] * A[3];
 }
 
-function squaredNorm(A) {
+export function squaredNorm(A) {
   let total = 0;
   for (let i = 0; i < 9; i++) total += A[i] * A[i];
   return total;
 }
 
 const OTHER = [2, 1, 0]; // the index that the pair 01, 02, 12 leaves out is 2, 1, 0
-const PAIRS = [[0, 1], [0, 2], [1, 2]];
+export const PAIRS = [[0, 1], [0, 2], [1, 2]];
 
 /**
  * Eigenvalues `values` (3) and the rotation V of eigenvectors (columns) of S = (s00, s11, s22, s01, s02, s12), by
@@ -73,7 +73,7 @@ function pairOf(a, b) {
 }
 
 /** Sets the negative eigenvalues of S = (s00, s11, s22, s01, s02, s12) to zero, in place. */
-function clampSymmetric(S) {
+export function clampSymmetric(S) {
   const values = clampSymmetric.values, V = clampSymmetric.V;
   symmetricEigen(S, values, V);
   if (values[0] >= 0 && values[1] >= 0 && values[2] >= 0) return;
@@ -92,7 +92,7 @@ clampSymmetric.values = new Float64Array(3);
 clampSymmetric.V = new Float64Array(9);
 
 /** F = U diag(σ) Vᵀ with U and V rotations; the last σ carries the sign of det F. */
-function signedSvd(F, U, sigma, V) {
+export function signedSvd(F, U, sigma, V) {
   const { C, values, W } = signedSvd;
   C[0] = F[0] * F[0] + F[3] * F[3] + F[6] * F[6];
   C[1] = F[1] * F[1] + F[4] * F[4] + F[7] * F[7];

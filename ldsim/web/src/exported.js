@@ -1,5 +1,12 @@
 // The page: a clock that steps the solid, pointers that pull it, and the controls.
 
+import { readSafetensors, spaceOf } from "./model.js";
+import { inner } from "./potential.js";
+import { Solid } from "./solid.js";
+import { Stepper } from "./stepping.js";
+import { dot } from "./surface.js";
+import { View } from "./view.js";
+
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
 const PATIENCE = 20; // steps that may be lost before the page starts again
 const SPACE_WORDS = { latent: "Latent", linear: "Linear" };
@@ -285,3 +292,5 @@ class Page {
     this.fingers.delete(event.pointerId);
   }
 }
+
+start(JSON.parse(byId("about-data").textContent), byId("model"));

@@ -1,6 +1,8 @@
 // The solid: the mesh that moves with the reduced coordinates, and the springs that pull on it.
 
-class Solid extends Surface {
+import { Surface } from "./surface.js";
+
+export class Solid extends Surface {
   /** arrays: as readSafetensors gives them. */
   constructor(arrays) {
     const triangles = arrays.surface_triangles.data, vertices = arrays.vertices.data;

@@ -1,6 +1,9 @@
 // The replay: one motion in all spaces in step, each in a panel of one canvas, seen by one camera. The figure that holds it
 // is hidden in the page until everything works; without WebGL or script the page keeps its still pictures.
 
+import { Surface } from "./surface.js";
+import { View } from "./view.js";
+
 const TYPES = { f4: Float32Array, u2: Uint16Array, i2: Int16Array };
 const DIMMED = 0.88; // leaves room for light on the palest colour
 const SVG = "http://www.w3.org/2000/svg";
@@ -15,7 +18,7 @@ function millimetres(value) {
   return `${value === 0 ? 0 : Number(value.toPrecision(3))} mm`;
 }
 
-class Replay {
+export class Replay {
   constructor(figure) {
     this.figure = figure;
     this.part = (name) => figure.querySelector(`.${name}`);
@@ -239,9 +242,4 @@ class Replay {
     keys[event.key]();
     this.draw();
   }
-}
-
-// Where there is no WebGL 2 the figure stays hidden; the still pictures below it say what they can.
-if (document.createElement("canvas").getContext("webgl2")) {
-  for (const figure of document.querySelectorAll("figure.replay")) figure.replay = new Replay(figure);
 }

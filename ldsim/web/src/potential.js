@@ -1,13 +1,15 @@
 // The incremental potential of a reduced space and its tangent, ported from ldsim/dynamics/reduced_potential.py:
 //   E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
-function inner(a, b) {
+import { energyStress, tangent } from "./materials.js";
+
+export function inner(a, b) {
   let total = 0;
   for (let i = 0; i < a.length; i++) total += a[i] * b[i];
   return total;
 }
 
-class Potential {
+export class Potential {
   /** h: time step, s. `load` (k) and `stiffer`, a factor on all moduli, may be changed between steps. */
   constructor(space, h) {
     const { r, k, points } = space;

@@ -1,12 +1,14 @@
 // The five materials, ported from ldsim/mechanics/materials/: energy density, first Piola–Kirchhoff stress and the
 // derivatives in the principal stretches, from which the tangent follows. The order is that of MATERIALS in Python.
 
+import { PAIRS, clampSymmetric, cofactor, determinant, signedSvd, squaredNorm } from "./tensors.js";
+
 const NEO_HOOKEAN = 0, STABLE_NEO_HOOKEAN = 1, ST_VENANT_KIRCHHOFF = 2, FIXED_COROTATED = 3, LINEAR = 4;
 
 const cof = new Float64Array(9), svdU = new Float64Array(9), svdV = new Float64Array(9), sigma = new Float64Array(3);
 
 /** Ψ(F), J/m³; writes P = ∂Ψ/∂F, Pa. Infinite where the material does not allow inversion. */
-function energyStress(kind, F, mu, lam, P) {
+export function energyStress(kind, F, mu, lam, P) {
   switch (kind) {
     case NEO_HOOKEAN:
       return neoHookean(F, mu, lam, P);
@@ -159,7 +161,7 @@ function principal(kind, a, b, c, mu, lam, out) {
  * Writes U, V, the stretch block D as (00, 11, 22, 01, 02, 12) and the off-diagonal pairs O as (a01, a02, a12, b01,
  * b02, b12), as `materials.tangent` in Python does.
  */
-function tangent(kind, F, mu, lam, U, V, D, O) {
+export function tangent(kind, F, mu, lam, U, V, D, O) {
   if (kind === LINEAR) {
     U.fill(0);
     V.fill(0);

@@ -1,6 +1,8 @@
 // The reduced step: L-BFGS around the tangent of an earlier state, ported from ldsim/dynamics/reduced.py and
 // ldsim/solvers/lbfgs.py, with the stop rule ‖∇E‖ ≤ tolerance · max(‖z‖, 1).
 
+import { Potential, inner } from "./potential.js";
+
 const ARMIJO = 1e-4, ROUNDOFF = 1e-10, MAX_BACKTRACKS = 40, EPSILON = 2 ** -52;
 const WINDOW = 8, RENEWAL = 12, RENEWAL_COST = 6;
 
@@ -86,7 +88,7 @@ class Memory {
 }
 
 /** Steps one reduced space; its state is z, q and those of the frame before. */
-class Stepper {
+export class Stepper {
   constructor(space, h, tolerance = 1e-8, maxIterations = 200) {
     const { r, k } = space;
     this.space = space;

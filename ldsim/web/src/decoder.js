@@ -7,7 +7,7 @@ const ACTIVATIONS = [
   { value: (x) => 0.5 + 0.5 * Math.tanh(0.5 * x), slope: (y) => y * (1 - y) },
 ];
 
-class Decoder {
+export class Decoder {
   /** sizes: r, hidden widths, k, or k alone for the identity; the others as `Layers` in Python. */
   constructor(sizes, weights, biases, rest, skip, activation) {
     this.sizes = sizes;
