@@ -64,7 +64,7 @@ def forget_unused(root: Path) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-class SourceLocator(_CacheLocator):  # type: ignore[misc]
+class SourceLocator(_CacheLocator):
     """Where the machine code of a function of this package is kept: a folder for each state of its sources.
 
     Numba asks for it by name (`NUMBA_CACHE_LOCATOR_CLASSES`). The folder is named after the content of the sources,
@@ -100,7 +100,7 @@ class SourceLocator(_CacheLocator):  # type: ignore[misc]
         return str(self._line)
 
 
-numba.config.CACHE_LOCATOR_CLASSES = ",".join(
+numba.config.CACHE_LOCATOR_CLASSES = ",".join(  # type: ignore[attr-defined]
     [
         f"{__name__}.SourceLocator",
         *("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator", "IPythonCacheLocator"),

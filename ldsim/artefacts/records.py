@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -15,10 +15,11 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
+from ldsim.space.basis import Basis, inner_product, is_identity
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.novelty import Trust
-from ldsim.space.pca import Basis
+from ldsim.space.pca import Pca
 
 Array = NDArray[np.float64]
 
@@ -72,35 +73,35 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
         return scene, read_header(file)
 
 
-@dataclass(frozen=True, eq=False)
-class StoredBasis:
-    """basis.h5: the basis and its error on held-out motions, each (k + 1,) metres or None where there are none."""
-
-    basis: Basis
-    heldout_max_error: Array | None
-    heldout_mean_error: Array | None
-
-
-def write_basis(path: Path, header: Header, stored: StoredBasis) -> None:
-    """Write basis.h5."""
+def write_basis(path: Path, header: Header, pca: Pca) -> None:
+    """Write basis.h5; its inner product goes into the header's notes."""
+    kind = "euclidean" if is_identity(pca.basis.metric) else "mass"
     datasets = {
-        "U": stored.basis.U,
-        "singular_values": stored.basis.singular_values,
-        "max_error": stored.basis.max_error,
-        "mean_error": stored.basis.mean_error,
+        "U": pca.basis.matrix,
+        "singular_values": pca.singular_values,
+        "max_error": pca.max_error,
+        "mean_error": pca.mean_error,
     }
-    if stored.heldout_max_error is not None and stored.heldout_mean_error is not None:
-        datasets["heldout_max_error"] = stored.heldout_max_error
-        datasets["heldout_mean_error"] = stored.heldout_mean_error
-    write(path, header, datasets)
+    if pca.heldout_max_error is not None and pca.heldout_mean_error is not None:
+        datasets["heldout_max_error"] = pca.heldout_max_error
+        datasets["heldout_mean_error"] = pca.heldout_mean_error
+    write(path, replace(header, notes={**header.notes, "inner_product": kind}), datasets)
 
 
-def read_basis(path: Path) -> tuple[StoredBasis, Header]:
-    """Read basis.h5."""
+def read_basis(path: Path, scene: Scene) -> tuple[Pca, Header]:
+    """Read basis.h5; the inner product is made of the scene's mass."""
     with reading(path, "basis") as file:
-        basis = Basis(file["U"][:], file["singular_values"][:], file["max_error"][:], file["mean_error"][:])
+        header = read_header(file)
+        metric = inner_product(scene.mass, str(header.notes["inner_product"]))
+        if len(file["U"]) != 3 * scene.mesh.n_vertices:
+            raise ArtefactError(
+                f"{path}, dataset 'U': found {len(file['U'])} rows, expected 3 × {scene.mesh.n_vertices} vertices; "
+                "it belongs to another mesh: run make"
+            )
+        basis = Basis.of(file["U"][:], metric)
+        found = [file[name][:] for name in ("singular_values", "max_error", "mean_error")]
         heldout = [file[name][:] if name in file else None for name in ("heldout_max_error", "heldout_mean_error")]
-        return StoredBasis(basis, heldout[0], heldout[1]), read_header(file)
+        return Pca(basis, *found, *heldout), header
 
 
 @dataclass(frozen=True, eq=False)

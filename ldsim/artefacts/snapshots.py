@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,22 +86,21 @@ def _supports(group: h5py.Group) -> tuple[Support, ...]:
 
 
 class Snapshots:
-    """snapshots.h5, open for reading; displacements are read in chunks of bounded size.
-
-    Use as a context manager.
-    """
+    """snapshots.h5, open for reading until it is closed; displacements are read in chunks of bounded size."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._open = ExitStack()
+        self._file = self._open.enter_context(reading(path, "snapshots"))
+        self.header: Header = read_header(self._file)
 
     def __enter__(self) -> Snapshots:
-        self._context = reading(self._path, "snapshots")
-        self._file = self._context.__enter__()
-        self.header: Header = read_header(self._file)
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._context.__exit__(None, None, None)
+        self.close()
+
+    def close(self) -> None:
+        self._open.close()
 
     @property
     def names(self) -> list[str]:

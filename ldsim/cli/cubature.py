@@ -27,7 +27,6 @@ from ldsim.settings import CubatureSettings
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import inner_product
 from ldsim.space.projection import all_coordinates
 
 Array = NDArray[np.float64]
@@ -42,11 +41,11 @@ MISSED = 3
 def command(run: Run) -> None:
     settings = run.settings.cubature
     scene, _ = read_scene(run.path("scene"))
-    stored, basis_header = read_basis(run.path("basis"))
+    stored, basis_header = read_basis(run.path("basis"), scene)
     model, header = read_model(run.path("model"))
     run.check("basis", basis_header, "scene")
     run.check("model", header, "snapshots", "basis")
-    U = stored.basis.U
+    U = stored.basis.matrix
     recipe = _recipe(settings)
     linear = replace(recipe, goal=replace(recipe.goal, max_points=settings.linear_max_points), closure=0.0, latent=True)
     spaces: dict[str, StoredCubature] = {}
@@ -56,8 +55,8 @@ def command(run: Run) -> None:
         names = snapshots.with_role("train")
         motions = [snapshots.recorded(name).motion for name in names]
         lifting = Lifting.of(scene, motions)
-        metric = inner_product(scene.mass, run.settings.pca.inner_product)
-        q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), metric, U)
+        metric = stored.basis.metric
+        q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), stored.basis)
         read, recorded = snapshots.frame_reader(names), len(q)
         if model.rehearsed is not None:
             q = np.concatenate([q, model.rehearsed])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from ldsim.artefacts.records import StoredBasis, read_scene, write_basis
+from dataclasses import replace
+
+from ldsim.artefacts.records import read_scene, write_basis
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.space.basis import inner_product
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product
+from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis
 
 
 @stage_command("pca", "Find the linear basis by the max-vertex-error rule or for a given k.")
@@ -25,14 +28,14 @@ def command(run: Run) -> None:
         def chunks(names: list[str]) -> Chunks:
             return lifting.taken_off(lambda: snapshots.chunks(names), [motions[name] for name in names])
 
-        basis = fit_basis(chunks(train), metric, rule)
+        found = fit_basis(chunks(train), metric, rule)
         bar.update()
-        errors = errors_against_k(chunks(heldout), metric, basis.U) if heldout else (None, None)
+        errors = errors_against_k(chunks(heldout), found.basis) if heldout else (None, None)
         bar.update()
     header = run.header("basis", "pca", ("scene", "snapshots"))
-    write_basis(run.path("basis"), header, StoredBasis(basis, *errors))
+    write_basis(run.path("basis"), header, replace(found, heldout_max_error=errors[0], heldout_mean_error=errors[1]))
     run.done(
         "basis",
-        f"k = {basis.k}, vertex error of the training frames {1e3 * basis.max_error[-1]:.3g} mm at most, "
-        f"{1e3 * basis.mean_error[-1]:.2g} mm on average",
+        f"k = {found.basis.k}, vertex error of the training frames {1e3 * found.max_error[-1]:.3g} mm at most, "
+        f"{1e3 * found.mean_error[-1]:.2g} mm on average",
     )

@@ -31,7 +31,7 @@ def command(run: Run) -> None:
     settings = run.settings
     wanted = Wanted(settings.report.pictures, settings.cubature.tolerance, settings.train.tolerance_mm)
     scene, scene_header = read_scene(run.path("scene"))
-    basis, basis_header = read_basis(run.path("basis"))
+    basis, basis_header = read_basis(run.path("basis"), scene)
     model, model_header = read_model(run.path("model"))
     cubature, cubature_header = read_cubature(run.path("cubature"))
     trajectories, simulation_header = read_simulation(run.path("simulation"))

@@ -22,22 +22,21 @@ from ldsim.pipeline.comparison import Options, ReducedSpace, compare_motion
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.novelty import Trust
-from ldsim.space.pca import inner_product
 
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
 def command(run: Run) -> None:
     settings = run.settings.simulate
     scene, _ = read_scene(run.path("scene"))
-    stored, _ = read_basis(run.path("basis"))
+    stored, _ = read_basis(run.path("basis"), scene)
     model, _ = read_model(run.path("model"))
     cubature, header = read_cubature(run.path("cubature"))
     run.check("cubature", header, "scene", "snapshots", "basis", "model")
-    U = stored.basis.U
+    U = stored.basis.matrix
     changed = settings.material is not None
     if settings.material is not None:
         scene = with_properties(scene, properties_of(scene).changed(Change(**settings.material.model_dump())))
-    metric = inner_product(scene.mass, run.settings.pca.inner_product)
+    metric = stored.basis.metric
     narrow = np.ascontiguousarray(U[:, : model.kp])
     spaces = [
         ReducedSpace(

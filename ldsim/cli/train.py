@@ -27,7 +27,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.settings import TrainSettings
 from ldsim.space.lifting import Lifting
 from ldsim.space.novelty import fit_trust
-from ldsim.space.pca import Chunks, inner_product
+from ldsim.space.pca import Chunks
 from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
 
 # Pulls of a rehearsal that are run one after another; then the solid is at rest again.
@@ -39,10 +39,9 @@ NO_HELDOUT = "warning: no motion has the role heldout, so nothing tells how the 
 def command(run: Run) -> None:
     settings = run.settings.train
     scene, _ = read_scene(run.path("scene"))
-    stored, header = read_basis(run.path("basis"))
+    stored, header = read_basis(run.path("basis"), scene)
     run.check("basis", header, "scene", "snapshots")
-    U, partial = stored.basis.U, run.folder / "model.partial"
-    metric = inner_product(scene.mass, run.settings.pca.inner_product)
+    basis, U, partial = stored.basis, stored.basis.matrix, run.folder / "model.partial"
     with Snapshots(run.path("snapshots")) as snapshots, one_thread():
         motions = {name: snapshots.recorded(name).motion for name in snapshots.names}
         lifting = Lifting.of(scene, motions.values())
@@ -52,9 +51,9 @@ def command(run: Run) -> None:
             return lifting.taken_off(lambda: snapshots.chunks(names), [motions[name] for name in names])
 
         def error(trained: Trained, role: str = "train") -> tuple[float, float]:
-            return reconstruction_error(chunks(role), metric, U, trained.encoder, trained.decoder)
+            return reconstruction_error(chunks(role), basis, trained.encoder, trained.decoder)
 
-        q, unseen = (all_coordinates(chunks(role), metric, U) for role in ("train", "heldout"))
+        q, unseen = (all_coordinates(chunks(role), basis) for role in ("train", "heldout"))
         rehearsed = _rehearsed(scene, U, q, settings, partial)
         with progress_bar(None, "train", "epoch") as bar:
             forces = None
@@ -71,7 +70,7 @@ def command(run: Run) -> None:
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
     trained = found.trained
     trust = fit_trust(trained.decoder, trained.encoder, every, unseen)
-    kp = matching_dimension(stored.basis.max_error, errors[0, 0])
+    kp = matching_dimension(stored.max_error, errors[0, 0])
     model = StoredModel(
         *(trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch, found.own),
         *(trust, rehearsed.astype(np.float32) if len(rehearsed) else None),

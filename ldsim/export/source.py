@@ -160,9 +160,9 @@ class Source:
 
     @cached_property
     def basis(self) -> Array:
-        stored, header = read_basis(self.path("basis"))
+        stored, header = read_basis(self.path("basis"), self.scene)
         self._check(header, "scene")
-        return stored.basis.U
+        return stored.basis.matrix
 
     @cached_property
     def model(self) -> StoredModel:

@@ -23,10 +23,10 @@ from ldsim.mechanics.motion import GrabTracker, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason
 from ldsim.simulator.loading import stop_of
+from ldsim.space.basis import weighted
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder, nearest_latent
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import coordinates
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -228,7 +228,7 @@ class ReducedSpace:
 
     def state(self, metric: csr_array, u: Array, u_previous: Array) -> ReducedState:
         """The reduced state nearest to the displacements of two frames, each (n, 3); q keeps their projections."""
-        q = coordinates(metric, self.U, np.stack([u.ravel(), u_previous.ravel()]))
+        q = weighted(metric, np.stack([u.ravel(), u_previous.ravel()])) @ self.U
         guesses = self.encoder(q)
         z = [nearest_latent(self.decoder, target, guess) for target, guess in zip(q, guesses, strict=True)]
         return ReducedState.moving(z[0], z[1], q[0], q[1])

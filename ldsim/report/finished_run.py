@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from ldsim.artefacts.records import StoredBasis, StoredCubature, StoredModel
+from ldsim.artefacts.records import StoredCubature, StoredModel
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.scene import Scene
 from ldsim.space.lifting import Lifting
+from ldsim.space.pca import Pca
 
 REDUCED = ("linear", "latent")
 
@@ -29,7 +30,7 @@ class FinishedRun:
     experiment: str
     scene: Scene
     snapshots: Snapshots
-    basis: StoredBasis
+    basis: Pca
     model: StoredModel
     cubature: Mapping[str, StoredCubature]
     trajectories: Mapping[str, Mapping[str, Trajectory]]

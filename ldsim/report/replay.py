@@ -128,7 +128,7 @@ def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> t
     What the run's basis, with the fields of pins that move, misses of full space (the reduced films lie in it) is
     searched by a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
-    U = np.hstack([run.basis.basis.U, run.lifting.fields])
+    U = np.hstack([run.basis.basis.matrix, run.lifting.fields])
     U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
     films = [film for clip in clips for film in clip.films]

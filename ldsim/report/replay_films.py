@@ -104,7 +104,7 @@ def _reduced_film(
     if trajectory.max_error is not None:
         whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
     kept = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
-    U = np.hstack([run.basis.basis.U[:, : q.shape[1]], run.lifting.fields])
+    U = np.hstack([run.basis.basis.matrix[:, : q.shape[1]], run.lifting.fields])
     q = np.hstack([q, run.lifting.coordinates(run.recorded[motion].motion)])
     U = U.reshape(-1, 3, q.shape[1])
     rows = U[vertices].reshape(-1, q.shape[1])

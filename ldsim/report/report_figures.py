@@ -27,7 +27,7 @@ from ldsim.space.novelty import remembered
 def draw_figures(run: FinishedRun, cubature_tolerance: float | None) -> dict[str, str]:
     """Name → SVG text of every figure that the run has data for, as `page.render_page` knows them."""
     figures = {"error_against_k": _error_against_k(run)}
-    figures["singular_values"] = singular_values(run.basis.basis.singular_values, run.marks)
+    figures["singular_values"] = singular_values(run.basis.singular_values, run.marks)
     figures["training"] = _training(run)
     if run.cubature:
         curves = [_cubature_curve(space, stored) for space, stored in run.cubature.items()]
@@ -45,8 +45,8 @@ def draw_figures(run: FinishedRun, cubature_tolerance: float | None) -> dict[str
 
 def _error_against_k(run: FinishedRun) -> str:
     stored = run.basis
-    modes = np.arange(len(stored.basis.max_error), dtype=np.float64)
-    train = ErrorCurve(MM_PER_M * stored.basis.max_error, MM_PER_M * stored.basis.mean_error)
+    modes = np.arange(len(stored.max_error), dtype=np.float64)
+    train = ErrorCurve(MM_PER_M * stored.max_error, MM_PER_M * stored.mean_error)
     heldout = None
     if stored.heldout_max_error is not None and stored.heldout_mean_error is not None:
         heldout = ErrorCurve(MM_PER_M * stored.heldout_max_error, MM_PER_M * stored.heldout_mean_error)

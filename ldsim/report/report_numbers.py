@@ -74,7 +74,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def _training_reconstruction(run: FinishedRun) -> dict[str, Any]:
-    basis = run.basis.basis
+    basis = run.basis
     return _reconstruction(run, run.model.errors[0], basis.max_error, basis.mean_error)
 
 
@@ -101,7 +101,7 @@ def _reconstruction(run: FinishedRun, autoencoder: Array, largest: Array, mean: 
 def _rest_residual(run: FinishedRun) -> float:
     """Largest vertex displacement of U φ(0), metres."""
     decoder = run.model.decoder
-    u = run.basis.basis.U @ decoder(np.zeros(decoder.r))
+    u = run.basis.basis.matrix @ decoder(np.zeros(decoder.r))
     return float(np.linalg.norm(u.reshape(-1, 3), axis=1).max())
 
 

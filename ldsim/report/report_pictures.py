@@ -108,7 +108,7 @@ class Studio:
     def _reduced(self, space: str, motion: str, frame: int) -> Array:
         q = self._run.reduced_runs(motion)[space].coordinates
         assert q is not None
-        u: Array = self._run.basis.basis.U[:, : q.shape[1]] @ q[frame]
+        u: Array = self._run.basis.basis.matrix[:, : q.shape[1]] @ q[frame]
         lifted = self._run.lifting.displacements(self._run.recorded[motion].motion)(frame, frame + 1)[0]
         positions: Array = self._rest + (u.reshape(-1, 3) + lifted) @ self._turn.T
         return positions

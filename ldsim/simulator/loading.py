@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import (
-    StoredBasis,
     StoredCubature,
     StoredModel,
     read_basis,
@@ -25,6 +24,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.simulator.simulator import Simulator
 from ldsim.space.decoder import Decoder
 from ldsim.space.novelty import Trust
+from ldsim.space.pca import Pca
 
 Array = NDArray[np.float64]
 
@@ -59,9 +59,9 @@ def load(
     scene, _ = read_scene(folder / "scene.h5")
     if space == "full":
         return full_simulator(scene, 1e-6 if tolerance is None else tolerance)
-    basis, model, cubature = _reduced_parts(folder)
+    basis, model, cubature = _reduced_parts(folder, scene)
     chosen = cubature[space].stepped if points is None else cubature[space].at_most(points)
-    U, decoder, distrust = basis.basis.U, model.decoder, None
+    U, decoder, distrust = basis.basis.matrix, model.decoder, None
     if space == "linear":
         U, decoder = np.ascontiguousarray(U[:, : model.kp]), Decoder.identity(model.kp)
     elif model.trust is not None:
@@ -87,10 +87,10 @@ def _distrust(trust: Trust) -> Callable[[ReducedState], float]:
     return lambda state: float(trust(state.z[None])[0]) / trust.threshold
 
 
-def _reduced_parts(folder: Path) -> tuple[StoredBasis, StoredModel, dict[str, StoredCubature]]:
+def _reduced_parts(folder: Path, scene: Scene) -> tuple[Pca, StoredModel, dict[str, StoredCubature]]:
     """Basis, model and cubature of a run, checked to belong together."""
     paths = {kind: folder / f"{kind}.h5" for kind in ("scene", "basis", "model", "cubature")}
-    basis, basis_header = read_basis(paths["basis"])
+    basis, basis_header = read_basis(paths["basis"], scene)
     model, model_header = read_model(paths["model"])
     cubature, cubature_header = read_cubature(paths["cubature"])
     for header, inputs in (

@@ -13,10 +13,11 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, solve_triangular
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array
 
 from ldsim.errors import SolverError
 from ldsim.jit import njit
+from ldsim.space.basis import Basis, is_identity, weighted
 
 Array = NDArray[np.float64]
 Chunks = Callable[[], Iterable[NDArray[np.float32]]]
@@ -30,50 +31,22 @@ HELD = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Basis:
-    """An orthonormal basis of displacements.
+class Pca:
+    """A basis found in snapshots, and how well it holds them.
 
     Attributes:
-        U: (3n, k) float64; UᵀMU = I for the mass inner product, UᵀU = I for the Euclidean one.
-        singular_values: of the snapshots in that inner product, (K,) float64 with K ≥ k, falling.
+        singular_values: of the snapshots in the basis's inner product, (K,) float64 with K ≥ k, falling.
         max_error, mean_error: largest and mean vertex distance over the training snapshots when 0, 1, … columns are
             kept, (k + 1,) float64, metres.
+        heldout_max_error, heldout_mean_error: the same over held-out snapshots; None where there are none.
     """
 
-    U: Array
+    basis: Basis
     singular_values: Array
     max_error: Array
     mean_error: Array
-
-    @property
-    def k(self) -> int:
-        return int(self.U.shape[1])
-
-
-def inner_product(mass: csr_array, kind: str) -> csr_array:
-    """The scalar matrix (n, n) of an inner product, "mass" or "euclidean"."""
-    return mass if kind == "mass" else csr_array(eye_array(mass.shape[0]))
-
-
-def is_identity(metric: csr_array) -> bool:
-    """Whether the inner product is the Euclidean one."""
-    return bool(metric.nnz == metric.shape[0] and (metric.data == 1).all())
-
-
-def weighted(metric: csr_array, fields: NDArray[np.floating]) -> Array:
-    """Applies a scalar (n, n) metric to rows of displacements (b, 3n); (b, 3n) float64."""
-    if is_identity(metric):
-        return np.asarray(fields, dtype=np.float64)
-    stacked = np.asarray(fields, dtype=np.float64).reshape(len(fields), -1, 3)
-    moved = np.ascontiguousarray(stacked.transpose(1, 0, 2)).reshape(stacked.shape[1], -1)
-    product = (metric @ moved).reshape(stacked.shape[1], len(fields), 3)
-    return np.ascontiguousarray(product.transpose(1, 0, 2)).reshape(len(fields), -1)
-
-
-def coordinates(metric: csr_array, U: Array, fields: NDArray[np.floating]) -> Array:
-    """q = Uᵀ M u for rows of displacements (b, 3n); (b, k) float64."""
-    q: Array = weighted(metric, fields) @ U
-    return q
+    heldout_max_error: Array | None = None
+    heldout_mean_error: Array | None = None
 
 
 def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] = np.float64) -> Array:
@@ -168,8 +141,8 @@ def _decomposed(gram: Array) -> Spectrum:
     return Spectrum(singular, vectors[:, ::-1])
 
 
-def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | None = None) -> tuple[Array, Array]:
-    """The k leading modes (3n, k) and all singular values, float64.
+def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | None = None) -> tuple[Basis, Array]:
+    """The k leading modes and all singular values, float64.
 
     Raises:
         SolverError: fewer than k snapshots are independent, or one is not finite.
@@ -191,11 +164,11 @@ def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | N
     return orthonormalised(_orthonormal_rows(rows, metric).T, metric), singular
 
 
-def orthonormalised(U: Array, metric: csr_array) -> Array:
+def orthonormalised(U: Array, metric: csr_array) -> Basis:
     """The same span and order with UᵀMU = I, by Cholesky; each column's largest entry made positive."""
     Q = _orthonormal_rows(np.ascontiguousarray(U.T), metric)
     signs = np.sign(Q[np.arange(len(Q)), np.abs(Q).argmax(axis=1)])
-    return np.ascontiguousarray((Q * signs[:, None]).T)
+    return Basis.of(np.ascontiguousarray((Q * signs[:, None]).T), metric)
 
 
 def _orthonormal_rows(rows: Array, metric: csr_array) -> Array:
@@ -227,14 +200,14 @@ def _accumulate_errors(fields: Array, q: Array, UT: Array, largest: Array, total
                     residual[i] -= a * mode[i]
 
 
-def errors_against_k(chunks: Chunks, metric: csr_array, U: Array) -> tuple[Array, Array]:
+def errors_against_k(chunks: Chunks, basis: Basis) -> tuple[Array, Array]:
     """Largest and mean vertex distance, metres, when the first 0 … k modes are kept; each (k + 1,) float64."""
-    UT = np.ascontiguousarray(U.T)
-    largest, total = np.zeros(U.shape[1] + 1), np.zeros(U.shape[1] + 1)
+    UT = np.ascontiguousarray(basis.matrix.T)
+    largest, total = np.zeros(basis.k + 1), np.zeros(basis.k + 1)
     count = 0
     for chunk in chunks():
         fields = np.asarray(chunk, dtype=np.float64)
-        _accumulate_errors(fields, coordinates(metric, U, fields), UT, largest, total)
+        _accumulate_errors(fields, basis.project(fields), UT, largest, total)
         count += fields.shape[0] * fields.shape[1] // 3
     return largest, total / count
 
@@ -265,7 +238,7 @@ class Rule:
         )
 
 
-def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Basis:
+def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Pca:
     """A basis of as many modes as the rule asks for.
 
     Args:
@@ -281,8 +254,8 @@ def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Basis:
         raise SolverError(f"k = {rule.k} but there are only {count} training snapshots; lower pca.k")
     found = spectrum(chunks, metric, rule.k)
     most = rule.k if rule.k is not None else min(rule.max_k, found.independent)
-    U, singular = leading_modes(chunks, metric, most, found)
-    max_error, mean_error = errors_against_k(chunks, metric, U)
+    basis, singular = leading_modes(chunks, metric, most, found)
+    max_error, mean_error = errors_against_k(chunks, basis)
     wanted = most
     if rule.k is None:
         squares = np.concatenate([[0.0], np.cumsum(singular**2)])
@@ -291,4 +264,4 @@ def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Basis:
         if len(within) == 0 and most == rule.max_k:
             raise SolverError(f"{most} modes {rule.describe(lost[most])}")
         wanted = max(int(within[0]), 1) if len(within) else most
-    return Basis(np.ascontiguousarray(U[:, :wanted]), singular, max_error[: wanted + 1], mean_error[: wanted + 1])
+    return Pca(basis.columns(wanted), singular, max_error[: wanted + 1], mean_error[: wanted + 1])

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.pca import Chunks, coordinates
+from ldsim.space.pca import Chunks
 
 Array = NDArray[np.float64]
 
 
-def all_coordinates(chunks: Chunks, metric: csr_array, U: Array) -> Array:
+def all_coordinates(chunks: Chunks, basis: Basis) -> Array:
     """q of every snapshot, (N, k) float64."""
-    parts = [coordinates(metric, U, chunk) for chunk in chunks()]
-    return np.concatenate(parts) if parts else np.empty((0, U.shape[1]))
+    found = [basis.project(chunk) for chunk in chunks()]
+    return np.concatenate(found) if found else np.empty((0, basis.k))
 
 
-def reconstruction_error(
-    chunks: Chunks, metric: csr_array, U: Array, encoder: Encoder, decoder: Decoder
-) -> tuple[float, float]:
+def reconstruction_error(chunks: Chunks, basis: Basis, encoder: Encoder, decoder: Decoder) -> tuple[float, float]:
     """Largest and mean distance, metres, between the vertices of u and of U φ(ψ(UᵀMu)); NaN without snapshots."""
     largest, total, count = 0.0, 0.0, 0
     for chunk in chunks():
-        decoded = decoder(encoder(coordinates(metric, U, chunk))) @ U.T
+        decoded = decoder(encoder(basis.project(chunk))) @ basis.matrix.T
         distance = np.linalg.norm((decoded - chunk).reshape(len(chunk), -1, 3), axis=2)
         largest = max(largest, float(distance.max()))
         total += float(distance.sum())

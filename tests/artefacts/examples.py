@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import issparse
 
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
-    StoredBasis,
     StoredCubature,
     StoredModel,
     read_basis,
@@ -33,9 +33,10 @@ from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.pca import Basis
+from ldsim.space.pca import Pca
 
 Array = NDArray[np.float64]
 
@@ -65,8 +66,14 @@ def scene() -> Scene:
     return replace(body, load=numbers(mesh.n_vertices, 3))
 
 
-def basis() -> StoredBasis:
-    return StoredBasis(Basis(numbers(12, 3), numbers(5), numbers(4), numbers(4)), numbers(4) + 1, numbers(4) + 2)
+def basis() -> Pca:
+    body = scene()
+    U = numbers(3 * body.mesh.n_vertices, 3)
+    return Pca(Basis.of(U, body.mass), numbers(5), numbers(4), numbers(4), numbers(4) + 1, numbers(4) + 2)
+
+
+def read_it(path: Path) -> tuple[Pca, Header]:
+    return read_basis(path, scene())
 
 
 def model() -> StoredModel:
@@ -154,7 +161,7 @@ def recorded_motions() -> object:
 EXAMPLES = {
     "scene": Example(scene(), lambda path, header: write_scene(path, header, scene()), read_scene),
     "snapshots": Example(recorded_motions(), write_motions, read_motions),
-    "basis": Example(basis(), lambda path, header: write_basis(path, header, basis()), read_basis),
+    "basis": Example(basis(), lambda path, header: write_basis(path, header, basis()), read_it),
     "model": Example(model(), lambda path, header: write_model(path, header, model()), read_model),
     "cubature": Example(cubature(), lambda path, header: write_cubature(path, header, cubature()), read_cubature),
     "simulation": Example(
@@ -175,4 +182,6 @@ def same(a: object, b: object) -> bool:
         return len(a) == len(b) and all(map(same, a, b))  # type: ignore[arg-type]
     if is_dataclass(a):
         return all(same(getattr(a, entry.name), getattr(b, entry.name)) for entry in fields(a))
+    if issparse(a):
+        return (a != b).nnz == 0
     return a == b

@@ -19,8 +19,9 @@ from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
-from ldsim.space.pca import inner_product, orthonormalised
+from ldsim.space.pca import orthonormalised
 from tests.export.javascript import needs_node, run_javascript
 from tests.helpers import bent, scene
 
@@ -114,7 +115,7 @@ def some_basis(body: Scene) -> Array:
     rng = np.random.default_rng(0)
     s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
     fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(K)]
-    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass"))
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass")).matrix
 
 
 def loaded(body: Scene) -> Scene:
@@ -196,7 +197,7 @@ def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder(
 
 def test_a_drag_takes_hold_of_the_same_vertices() -> None:
     body = scene(beam(resolution=2))
-    U = orthonormalised(bent(body.mesh).reshape(-1, 1) * np.repeat(body.movable, 3)[:, None], body.mass)
+    U = orthonormalised(bent(body.mesh).reshape(-1, 1) * np.repeat(body.movable, 3)[:, None], body.mass).matrix
     q = U.T @ (body.mass @ (bent(body.mesh) * body.movable[:, None])).ravel()
     space = ReducedSpace(U, Decoder.identity(1), CubatureRule(np.arange(3), np.ones(3), 0.0))
     positions = body.mesh.vertices + (U @ q).reshape(-1, 3)

@@ -9,14 +9,15 @@ from ldsim.learn import Forces
 from ldsim.learn.equilibrium import pose_forces, spread_forces, spread_frames
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mesh.shapes import beam
-from ldsim.space.pca import coordinates, orthonormalised
+from ldsim.space.pca import orthonormalised
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
 
 BODY = scene(beam(resolution=2))
 FREE = np.repeat(BODY.movable, 3)
-U = orthonormalised(np.random.default_rng(0).normal(size=(3 * BODY.mesh.n_vertices, 4)) * FREE[:, None], BODY.mass)
+BASIS = orthonormalised(np.random.default_rng(0).normal(size=(3 * BODY.mesh.n_vertices, 4)) * FREE[:, None], BODY.mass)
+U = BASIS.matrix
 # Not all in the basis.
 POSES = (np.random.default_rng(1).normal(size=(11, len(FREE))) * 1e-5 * FREE).astype(np.float32)
 
@@ -28,7 +29,7 @@ def force(u: Array) -> Array:
 
 
 def found(size: int, poses: NDArray[np.float32] = POSES) -> tuple[Forces, Array]:
-    q = coordinates(BODY.mass, U, poses)
+    q = BASIS.project(poses)
     calls: list[None] = []
     pieces = [poses[start : start + size] for start in range(0, len(POSES), size)]
     forces = pose_forces(BODY, U, q, lambda: pieces, spread_frames(len(POSES), 5), lambda: calls.append(None))
@@ -61,7 +62,7 @@ def test_chunks_of_any_size_give_the_same() -> None:
 
 
 def test_rehearsed_poses_come_after_the_snapshots_and_have_no_excess() -> None:
-    q = coordinates(BODY.mass, U, POSES)
+    q = BASIS.project(POSES)
     rehearsed = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(q).max()
     calls: list[None] = []
     forces = spread_forces(BODY, U, q, lambda: [POSES], rehearsed, 7, lambda: calls.append(None))

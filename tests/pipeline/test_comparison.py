@@ -16,9 +16,10 @@ from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.comparison import Options, ReducedSpace, compare_motion, run_reduced, stretch
+from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.pca import inner_product, orthonormalised
+from ldsim.space.pca import orthonormalised
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -34,7 +35,7 @@ def basis(columns: int | None = None) -> Array:
     unit = np.zeros((3 * BODY.mesh.n_vertices, 3 * len(BODY.free)))
     rows = (3 * BODY.free[:, None] + np.arange(3)).ravel()
     unit[rows, np.arange(len(rows))] = 1
-    return np.ascontiguousarray(orthonormalised(unit, inner_product(BODY.mass, "mass"))[:, :columns])
+    return np.ascontiguousarray(orthonormalised(unit, inner_product(BODY.mass, "mass")).matrix[:, :columns])
 
 
 @pytest.fixture(scope="module")

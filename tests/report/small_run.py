@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
-    StoredBasis,
     StoredCubature,
     StoredModel,
     read_basis,
@@ -35,9 +34,10 @@ from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.comparison import with_errors
 from ldsim.report.finished_run import FinishedRun
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.pca import Basis, coordinates, errors_against_k, orthonormalised
+from ldsim.space.pca import Pca, errors_against_k, orthonormalised
 from ldsim.space.projection import matching_dimension, reconstruction_error
 from tests.helpers import scene as scene_of
 
@@ -77,8 +77,8 @@ def write_run(folder: Path, lost: tuple[str, str] | None = None, heldout: bool =
     U = _modes(scene)
     fields = {name: _displacements(U, FRAMES[name], seed) for seed, name in enumerate(motions)}
     _write_snapshots(folder, scene, fields)
-    basis = _write_basis(folder, scene, U, fields)
-    model = _write_model(folder, scene, U, basis, fields)
+    pca = _write_basis(folder, scene, U, fields)
+    model = _write_model(folder, pca, fields)
     _write_cubature(folder)
     _write_simulation(folder, U, model, fields, scene, lost)
 
@@ -87,7 +87,7 @@ def write_run(folder: Path, lost: tuple[str, str] | None = None, heldout: bool =
 def finished_run(folder: Path) -> Iterator[FinishedRun]:
     """The run in a folder, open for a report."""
     scene, *rest = read_scene(folder / "scene.h5")
-    basis, basis_header = read_basis(folder / "basis.h5")
+    basis, basis_header = read_basis(folder / "basis.h5", scene)
     model, model_header = read_model(folder / "model.h5")
     cubature, cubature_header = read_cubature(folder / "cubature.h5")
     trajectories, simulation_header = read_simulation(folder / "simulation.h5")
@@ -111,7 +111,7 @@ def _modes(scene: Scene) -> Array:
     modes = np.zeros((scene.mesh.n_vertices, 3, K))
     for j, axis in enumerate((1, 2, 1, 0)):
         modes[:, axis, j] = x ** (2 + j)
-    return orthonormalised(modes.reshape(-1, K), scene.mass)
+    return orthonormalised(modes.reshape(-1, K), scene.mass).matrix
 
 
 def _displacements(U: Array, frames: int, seed: int) -> NDArray[np.float32]:
@@ -140,20 +140,20 @@ def _write_snapshots(folder: Path, scene: Scene, fields: dict[str, NDArray[np.fl
     write_snapshots(folder / "snapshots.h5", _header(folder, "snapshots"), stores, scene.mesh.n_vertices)
 
 
-def _write_basis(folder: Path, scene: Scene, U: Array, fields: dict[str, NDArray[np.float32]]) -> Basis:
+def _write_basis(folder: Path, scene: Scene, U: Array, fields: dict[str, NDArray[np.float32]]) -> Pca:
+    basis = Basis.of(U, scene.mass)
+
     def errors(role: str) -> tuple[Array, Array]:
         rows = [field.reshape(len(field), -1) for name, field in fields.items() if ROLES[name] == role]
-        return errors_against_k(lambda: rows, scene.mass, U)
+        return errors_against_k(lambda: rows, basis)
 
-    basis = Basis(U, np.array([0.1, 0.03, 0.01, 0.003, 1e-4]), *errors("train"))
     heldout = errors("heldout") if "heldout" in map(ROLES.get, fields) else (None, None)
-    write_basis(folder / "basis.h5", _header(folder, "basis"), StoredBasis(basis, *heldout))
-    return basis
+    pca = Pca(basis, np.array([0.1, 0.03, 0.01, 0.003, 1e-4]), *errors("train"), *heldout)
+    write_basis(folder / "basis.h5", _header(folder, "basis"), pca)
+    return pca
 
 
-def _write_model(
-    folder: Path, scene: Scene, U: Array, basis: Basis, fields: dict[str, NDArray[np.float32]]
-) -> StoredModel:
+def _write_model(folder: Path, pca: Pca, fields: dict[str, NDArray[np.float32]]) -> StoredModel:
     """A decoder that is linear: the first R modes."""
     narrow = np.eye(R, K)
     decoder = Decoder.network([narrow], [np.zeros(K)])
@@ -161,11 +161,11 @@ def _write_model(
 
     def errors(role: str) -> tuple[float, float]:
         rows = [field.reshape(len(field), -1) for name, field in fields.items() if ROLES[name] == role]
-        return reconstruction_error(lambda: rows, scene.mass, U, encoder, decoder)
+        return reconstruction_error(lambda: rows, pca.basis, encoder, decoder)
 
     measured = np.array([errors("train"), errors("heldout")])
     loss = np.stack([np.geomspace(1, 1e-3, 8), np.geomspace(1.1, 2e-3, 8)], axis=1)
-    kp = matching_dimension(basis.max_error, measured[0, 0]) + 1
+    kp = matching_dimension(pca.max_error, measured[0, 0]) + 1
     model = StoredModel(decoder, encoder, loss, np.array([[R, 1.0, 0.1]]), measured, kp, 7)
     write_model(folder / "model.h5", _header(folder, "model", activation="elu", met=1), model)
     return model
@@ -196,7 +196,7 @@ def _write_simulation(
     runs: dict[str, dict[str, Trajectory]] = {"full": {}, "linear": {}, "latent": {}}
     for name, field in fields.items():
         runs["full"][name] = _trajectory(rng, FULL_FRAMES, 0.1)
-        q = coordinates(scene.mass, U, field.reshape(len(field), -1))
+        q = Basis.of(U, scene.mass).project(field)
         for space, columns, milliseconds in (("linear", model.kp, 4.0), ("latent", K, 0.5)):
             near = [q[:, :columns] + size * rng.normal(size=(len(q), columns)) for size in (2e-3, 5e-4)]
             run = replace(_trajectory(rng, len(field), milliseconds / 1e3), coordinates=near[0])

@@ -52,7 +52,7 @@ def truth(run: FinishedRun, motion: str, space: str) -> np.ndarray:
     if space == "full":
         return run.snapshots.reader(motion)(0, FRAMES[motion])[:, surface].astype(np.float64)
     q = run.reduced_runs(motion)[space].coordinates
-    return (q @ run.basis.basis.U[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
+    return (q @ run.basis.basis.matrix[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
 
 
 def films(replay: Replay) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
@@ -102,7 +102,7 @@ def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
     frames = np.arange(drag["first"], drag["first"] + 4)
     u = run.snapshots.reader("push")(0, FRAMES["push"]).astype(np.float64)
     q = run.reduced_runs("push")["latent"].coordinates
-    reduced = (q @ run.basis.basis.U.T).reshape(len(q), -1, 3)
+    reduced = (q @ run.basis.basis.matrix.T).reshape(len(q), -1, 3)
     for film, field in (("full", u), ("latent", reduced)):
         (grip,) = next(some["grips"] for some in motion["films"] if some["space"] == film)
         true = (run.scene.mesh.vertices[held] + field[frames][:, held]).mean(axis=1)

@@ -99,7 +99,7 @@ def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, folder: Path, 
             u = run.snapshots.reader("pull_1")(7, 8)[0].astype(np.float64)
         else:
             q = run.reduced_runs("pull_1")[space].coordinates[7]
-            u = (run.basis.basis.U[:, : len(q)] @ q).reshape(-1, 3)
+            u = (run.basis.basis.matrix[:, : len(q)] @ q).reshape(-1, 3)
         mesh = run.scene.mesh
     surface = surface_vertices(mesh)
     assert np.abs(u).max() > 0.01 * mesh.diagonal
@@ -169,8 +169,8 @@ def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, folder: P
     with finished_run(folder) as run:
         stored = run.basis
     true = {
-        "max, training": stored.basis.max_error,
-        "mean, training": stored.basis.mean_error,
+        "max, training": stored.max_error,
+        "mean, training": stored.mean_error,
         "max, held-out": stored.heldout_max_error,
         "mean, held-out": stored.heldout_mean_error,
     }
@@ -196,7 +196,7 @@ def test_hovering_says_the_nearest_points_values(opened: Tab, folder: Path) -> N
     opened.mouse("mouseMoved", (x + 3, y - 2))
     told = opened.evaluate(f"{PLOT}.told.innerText").splitlines()
     with finished_run(folder) as run:
-        error = 1000 * run.basis.basis.max_error[2]
+        error = 1000 * run.basis.max_error[2]
     assert [line.strip() for line in told[:2]] == ["max, training", "number of PCA modes: 2"]
     label, value = told[2].strip().split(": ")
     assert label == "vertex distance, mm" and float(value) == pytest.approx(error, rel=1e-3)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import (
-    StoredBasis,
     StoredCubature,
     StoredModel,
     write_basis,
@@ -22,9 +21,10 @@ from ldsim.cubature.ladder import VirtualSelection
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
+from ldsim.space.basis import Basis, inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.pca import Basis, inner_product, orthonormalised
+from ldsim.space.pca import Pca, orthonormalised
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def modes(body: Scene, k: int = K) -> Array:
     fields = np.zeros((body.mesh.n_vertices, 3, k))
     for j in range(k):
         fields[:, (1, 2, 0)[j % 3], j] = s ** (1 + (j // 3)) * (1 + x[:, 1] * (j >= 3))
-    return orthonormalised(fields.reshape(-1, k), inner_product(body.mass, "mass"))
+    return orthonormalised(fields.reshape(-1, k), inner_product(body.mass, "mass")).matrix
 
 
 def curved_decoder(k: int = K, r: int = R) -> Decoder:
@@ -60,9 +60,7 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
     body = solid(resolution)
     write_scene(folder / "scene.h5", header(folder, "scene"), body)
     U, error = modes(body), np.geomspace(0.1, 1e-4, K + 1)
-    write_basis(
-        folder / "basis.h5", header(folder, "basis"), StoredBasis(Basis(U, error[:K], error, error), None, None)
-    )
+    write_basis(folder / "basis.h5", header(folder, "basis"), Pca(Basis.of(U, body.mass), error[:K], error, error))
     decoder = curved_decoder()
     encoder = Encoder((np.eye(K, R),), (np.zeros(R),))
     model = StoredModel(decoder, encoder, np.ones((1, 2)), np.ones((1, 3)), np.ones((2, 2)), KP, 0)

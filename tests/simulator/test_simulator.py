@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.soak import soak
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
@@ -19,6 +18,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.space.decoder import Decoder
+from reproduction.bench.soak import soak
 from tests.simulator.playable import curved_decoder, modes, solid
 
 Array = NDArray[np.float64]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
 from ldsim.mesh.shapes import beam
-from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis, inner_product, weighted
+from ldsim.space.basis import inner_product, weighted
+from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis
 from ldsim.space.projection import matching_dimension
 from tests.helpers import scene
 
@@ -33,7 +34,7 @@ def streamed(rows: NDArray[np.float32], size: int) -> Chunks:
 @pytest.mark.parametrize("kind", ["mass", "euclidean"])
 def test_the_basis_is_orthonormal_in_its_inner_product(kind: str) -> None:
     metric = inner_product(BODY.mass, kind)
-    U = fit_basis(streamed(snapshots(), 40), metric, Rule(8)).U
+    U = fit_basis(streamed(snapshots(), 40), metric, Rule(8)).basis.matrix
     np.testing.assert_allclose(weighted(metric, U.T) @ U, np.eye(8), atol=1e-12)
 
 
@@ -42,7 +43,7 @@ def test_chunks_of_any_size_give_the_same_basis() -> None:
     whole, pieces = (fit_basis(streamed(snapshots(), size), metric, Rule(8)) for size in (40, 7))
     # products of single precision are summed in another order
     np.testing.assert_allclose(pieces.singular_values[:8], whole.singular_values[:8], rtol=1e-5)
-    np.testing.assert_allclose(pieces.U, whole.U, atol=1e-4 * np.abs(whole.U).max())
+    np.testing.assert_allclose(pieces.basis.matrix, whole.basis.matrix, atol=1e-4 * np.abs(whole.basis.matrix).max())
 
 
 def test_the_euclidean_basis_spans_what_the_singular_value_decomposition_does() -> None:
@@ -50,13 +51,14 @@ def test_the_euclidean_basis_spans_what_the_singular_value_decomposition_does() 
     basis = fit_basis(streamed(rows, 16), inner_product(BODY.mass, "euclidean"), Rule(6))
     _, values, vt = np.linalg.svd(rows.astype(np.float64), full_matrices=False)
     np.testing.assert_allclose(basis.singular_values[:6], values[:6], rtol=1e-5)
-    assert np.linalg.svd(vt[:6] @ basis.U)[1].min() == pytest.approx(1, abs=1e-8)
+    assert np.linalg.svd(vt[:6] @ basis.basis.matrix)[1].min() == pytest.approx(1, abs=1e-8)
 
 
 def test_errors_against_k_are_those_of_the_projections() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    U = fit_basis(streamed(rows, 16), metric, Rule(8)).U
-    largest, mean = errors_against_k(streamed(rows, 16), metric, U)
+    basis = fit_basis(streamed(rows, 16), metric, Rule(8)).basis
+    U = basis.matrix
+    largest, mean = errors_against_k(streamed(rows, 16), basis)
     for k in (0, 3, 8):
         projected = weighted(metric, rows) @ U[:, :k] @ U[:, :k].T
         distance = np.linalg.norm((rows - projected).reshape(len(rows), -1, 3), axis=2)
@@ -108,10 +110,11 @@ def test_too_small_a_limit_for_the_rule_names_the_error_reached() -> None:
 
 def test_the_energy_rule_loses_no_more_than_it_may_and_needs_every_mode() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    basis = fit_basis(streamed(rows, 16), metric, Rule(criterion="energy", tolerance=1e-2, max_k=40))
+    basis = fit_basis(streamed(rows, 16), metric, Rule(criterion="energy", tolerance=1e-2, max_k=40)).basis
+    U = basis.matrix
 
     def lost(k: int) -> float:
-        rest = rows - weighted(metric, rows) @ basis.U[:, :k] @ basis.U[:, :k].T
+        rest = rows - weighted(metric, rows) @ U[:, :k] @ U[:, :k].T
         squares = [float((weighted(metric, field) * field).sum()) for field in (rest, rows)]
         return squares[0] / squares[1]
 
@@ -122,7 +125,7 @@ def test_the_mean_rule_takes_the_fewest_modes_whose_mean_error_is_within_the_tol
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
     full = fit_basis(streamed(rows, 16), metric, Rule(12))
     tolerance = 0.5 * (full.mean_error[5] + full.mean_error[6])
-    assert fit_basis(streamed(rows, 16), metric, Rule(None, "mean_error", tolerance, 40)).k == 6
+    assert fit_basis(streamed(rows, 16), metric, Rule(None, "mean_error", tolerance, 40)).basis.k == 6
 
 
 @pytest.mark.parametrize("size", [40, 7])
@@ -132,7 +135,7 @@ def test_single_precision_products_give_the_same_basis_as_an_in_memory_decomposi
     _, values, vt = np.linalg.svd(rows.astype(np.float64) @ root.T, full_matrices=False)
     basis = fit_basis(streamed(rows, size), metric, Rule(5))
     np.testing.assert_allclose(basis.singular_values[:5], values[:5], rtol=1e-5)
-    assert np.linalg.svd(vt[:5] @ root @ basis.U)[1].min() == pytest.approx(1, abs=1e-6)
+    assert np.linalg.svd(vt[:5] @ root @ basis.basis.matrix)[1].min() == pytest.approx(1, abs=1e-6)
 
 
 def test_modes_below_the_rounding_of_single_precision_are_found_too() -> None:

@@ -22,8 +22,9 @@ from ldsim.mechanics.motion import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
+from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
-from ldsim.space.pca import inner_product, orthonormalised
+from ldsim.space.pca import orthonormalised
 from tests.helpers import derivative_order, scene
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def basis(body: Scene) -> Array:
     s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
     fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + 5 * x @ rng.normal(size=(3, 3))) for i in range(K)]
     held = [np.where(body.pinned[:, None], 0.0, field).ravel() for field in fields]
-    return orthonormalised(np.stack(held, axis=1), inner_product(body.mass, "mass"))
+    return orthonormalised(np.stack(held, axis=1), inner_product(body.mass, "mass")).matrix
 
 
 def curved(activation: str = "elu") -> Decoder:

@@ -21,9 +21,10 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
+from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import inner_product, orthonormalised
+from ldsim.space.pca import orthonormalised
 from tests.helpers import derivative_order, scene
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ def full_basis(body: Scene) -> Array:
     unit = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
     rows = (3 * body.free[:, None] + np.arange(3)).ravel()
     unit[rows, np.arange(len(rows))] = 1
-    return orthonormalised(unit, inner_product(body.mass, "mass"))
+    return orthonormalised(unit, inner_product(body.mass, "mass")).matrix
 
 
 def some_basis(body: Scene, k: int, seed: int = 0) -> Array:
@@ -55,7 +56,7 @@ def some_basis(body: Scene, k: int, seed: int = 0) -> Array:
     s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
     fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
     fields = [np.where(body.pinned[:, None], 0.0, field) for field in fields]
-    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass"))
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass")).matrix
 
 
 def curved(k: int, r: int) -> Decoder:

@@ -1,0 +1,223 @@
+"""A run: the folder of an experiment's artefacts, finished or growing, and all that can be made of them."""
+
+from __future__ import annotations
+
+import resource
+import time
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ldsim.artefacts.records import (
+    StoredCubature,
+    StoredModel,
+    read_basis,
+    read_cubature,
+    read_model,
+    read_scene,
+)
+from ldsim.artefacts.simulation import read_simulation
+from ldsim.artefacts.snapshots import Recorded, Snapshots
+from ldsim.artefacts.store import STAGE_OF, Header, file_hash, read_header, reading
+from ldsim.dynamics.trajectory import Trajectory
+from ldsim.errors import ArtefactError
+from ldsim.mechanics.scene import Scene
+from ldsim.options import Options
+from ldsim.space.basis import Basis
+from ldsim.space.lifting import Lifting
+from ldsim.space.pca import Pca
+
+REDUCED = ("linear", "latent")
+SPACES = ("full", *REDUCED)
+
+
+class Run:
+    """A folder of artefacts that belong together. Each is read when it is first asked for, and checked once.
+
+    Args:
+        folder: such as runs/demo; made by the first stage that writes into it.
+        experiment: its name, the folder's where it is left out.
+    """
+
+    def __init__(self, folder: str | Path, experiment: str | None = None) -> None:
+        self.folder = Path(folder)
+        self.experiment = self.folder.name if experiment is None else experiment
+        self._read: dict[str, tuple[Any, Header]] = {}
+        self._hashes: dict[str, str] = {}
+        self._snapshots: Snapshots | None = None
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Run:
+        """A run that is there, at least its scene.
+
+        Raises:
+            ArtefactError: the folder is none, or has no scene.
+        """
+        if not Path(folder).is_dir():
+            raise ArtefactError(f"{folder} is not the folder of a run; give one such as runs/demo, made by `make`")
+        run = cls(folder)
+        with reading(run.path("scene"), "scene") as file:
+            run.experiment = str(read_header(file).notes.get("experiment", run.experiment))
+        return run
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the snapshots, the one artefact that is kept open."""
+        if self._snapshots is not None:
+            self._snapshots.close()
+            self._snapshots = None
+
+    def path(self, kind: str) -> Path:
+        """The file of an artefact: "scene", "snapshots", "basis", "model", "cubature" or "simulation"."""
+        return self.folder / f"{kind}.h5"
+
+    def header(self, kind: str) -> Header:
+        """The header of an artefact."""
+        if kind == "snapshots":
+            return self.snapshots.header
+        if kind in self._read:
+            return self._read[kind][1]
+        with reading(self.path(kind), kind) as file:
+            return read_header(file)
+
+    def require(self, *kinds: str) -> None:
+        """Refuse artefacts that are missing, of another experiment, or made from other files than those beside them.
+
+        Raises:
+            ArtefactError: naming the file, what was found, what was expected, and what to do.
+        """
+        for kind in kinds:
+            header, path = self.header(kind), self.path(kind)
+            experiment = header.notes.get("experiment")
+            if experiment != self.experiment:
+                raise ArtefactError(
+                    f"{path} belongs to the experiment {experiment!r}, expected {self.experiment!r}; run make"
+                )
+            for name in set(kinds) & set(header.inputs):
+                if header.inputs[name] != self.hash(name):
+                    raise ArtefactError(
+                        f"{path} was made from another {name} than {self.path(name)} (SHA-256 "
+                        f"{header.inputs[name][:12]}… recorded); it belongs to another experiment or is stale: run make"
+                    )
+
+    def hash(self, kind: str) -> str:
+        """SHA-256 of an artefact's file."""
+        if kind not in self._hashes:
+            with reading(self.path(kind), kind):
+                self._hashes[kind] = file_hash(self.path(kind))
+        return self._hashes[kind]
+
+    def written(self, kind: str) -> None:
+        """Forget what was read of an artefact, and what was made of it, because a stage has written it anew."""
+        if kind == "snapshots":
+            self.close()
+        self._read.pop(kind, None)
+        self._hashes.pop(kind, None)
+        self.__dict__.pop("lifting", None)
+
+    def stage(self, name: str, options: Options) -> Stage:
+        """The beginning of a stage that will write into this run."""
+        return Stage(self, name, options)
+
+    @property
+    def scene(self) -> Scene:
+        """The solid."""
+        found: Scene = self._get("scene", read_scene)
+        return found
+
+    @property
+    def snapshots(self) -> Snapshots:
+        """The full-space runs of all motions, open for reading until the run is closed."""
+        if self._snapshots is None:
+            self._snapshots = Snapshots(self.path("snapshots"))
+        return self._snapshots
+
+    def recorded(self, motion: str) -> Recorded:
+        """A motion as it ran in the full space."""
+        return self.snapshots.recorded(motion)
+
+    @property
+    def pca(self) -> Pca:
+        """The basis with its singular values and errors."""
+        found: Pca = self._get("basis", lambda path: read_basis(path, self.scene), "scene")
+        return found
+
+    @property
+    def basis(self) -> Basis:
+        """U, all of its columns."""
+        return self.pca.basis
+
+    @property
+    def model(self) -> StoredModel:
+        """The autoencoder and how it came about."""
+        found: StoredModel = self._get("model", read_model, "basis")
+        return found
+
+    @property
+    def cubature(self) -> dict[str, StoredCubature]:
+        """The cubature rules of each reduced space."""
+        found: dict[str, StoredCubature] = self._get("cubature", read_cubature, "scene", "basis", "model")
+        return found
+
+    @property
+    def simulation(self) -> dict[str, dict[str, Trajectory]]:
+        """Space → motion → what `ldsim simulate` ran."""
+        inputs = ("scene", "basis", "model", "cubature")
+        found: dict[str, dict[str, Trajectory]] = self._get("simulation", read_simulation, *inputs)
+        return found
+
+    @cached_property
+    def lifting(self) -> Lifting:
+        """Of every pin that moves in one of the motions."""
+        return Lifting.of(self.scene, [self.recorded(name).motion for name in self.snapshots.names])
+
+    def _get(self, kind: str, read: Any, *inputs: str) -> Any:
+        """An artefact, read once; checked to be made from the small artefacts that lie beside it."""
+        if kind not in self._read:
+            self._read[kind] = read(self.path(kind))
+            try:
+                self.require(kind, *inputs)
+            except ArtefactError:
+                del self._read[kind]
+                raise
+        return self._read[kind][0]
+
+
+class Stage:
+    """A stage at work: since when, with what options, for the header of what it will write."""
+
+    def __init__(self, run: Run, name: str, options: Options) -> None:
+        self._run, self._name, self._options = run, name, options
+        self._started = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Since the stage began."""
+        return time.perf_counter() - self._started
+
+    @property
+    def cost(self) -> dict[str, float]:
+        """Its seconds and memory so far."""
+        return {"seconds": self.seconds, "peak_memory_mb": peak_memory_mb()}
+
+    def header(self, kind: str, inputs: tuple[str, ...] = (), seed: int = -1, **notes: str | float | int) -> Header:
+        """The header of the artefact that the stage writes now."""
+        assert STAGE_OF[kind] == self._name
+        return Header(
+            kind,
+            self._options.dump(),
+            {name: self._run.hash(name) for name in inputs},
+            seed,
+            {"experiment": self._run.experiment, "stage": self._name, **self.cost, **notes},
+        )
+
+
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process or one of its workers so far, MB (10⁶ bytes)."""
+    usage = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return usage * 1024 / 1e6
