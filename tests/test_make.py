@@ -47,11 +47,8 @@ class Project:
             "LDSIM": f"{sys.executable} -m ldsim",
             "ENVIRONMENT": "",
         }
-        command = ["make", "--no-print-directory", *(f"{name}={value}" for name, value in variables.items())]
-        environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL")}
-        done = subprocess.run(
-            [*command, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
-        )
+        command = ["make", *(f"{name}={value}" for name, value in variables.items()), *arguments]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         assert done.returncode == status, done.stderr
         return done.stdout
 
@@ -172,6 +169,15 @@ def test_help_lists_every_goal() -> None:
     said = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     listed = {line.split()[0] for line in said.splitlines()[1:]}
     assert listed == {*CHAIN, "demo", "paper", "test", "lint", "settings", "clean", "help"}
+
+
+def test_the_tests_do_not_see_the_environment_of_who_runs_them() -> None:
+    """As in a make that was started by another one, on an experiment of its own, in a narrow window."""
+    callers = {"MAKEFLAGS": "w -- RUNS=elsewhere", "MAKELEVEL": "2", "LDSIM_DATA": "nowhere", "COLUMNS": "20"}
+    test = f"{Path(__file__).relative_to(ROOT)}::{test_help_lists_every_goal.__name__}"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
+    done = subprocess.run(command, cwd=ROOT, env=os.environ | callers, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
 
 
 def test_every_stage_has_its_fragment() -> None:

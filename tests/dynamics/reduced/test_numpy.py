@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.dynamics.test_reduced import some_basis
+from tests.dynamics.reduced.test_stepper import some_basis
 
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
