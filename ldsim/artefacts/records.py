@@ -18,7 +18,7 @@ from ldsim.mesh.mesh import Group, Mesh
 from ldsim.space.basis import Basis, inner_product, is_identity
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.novelty import Trust
+from ldsim.space.novelty import Novelty
 from ldsim.space.pca import Pca
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ class StoredModel:
             where there are no held-out motions.
         kp: the PCA dimension whose largest training error matches the autoencoder's.
         search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
-        trust: how far a code is from the training codes.
+        novelty: how far a code is from the training codes.
         rehearsed: coordinates of the frames that were learned from beside the snapshots, (f, k) float32, or None.
     """
 
@@ -127,7 +127,7 @@ class StoredModel:
     kp: int
     best_epoch: int
     search_own: NDArray[np.bool_] | None = None
-    trust: Trust | None = None
+    novelty: Novelty | None = None
     rehearsed: NDArray[np.float32] | None = None
 
 
@@ -146,9 +146,9 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         datasets["search_own"] = model.search_own
     if model.rehearsed is not None:
         datasets["rehearsed"] = model.rehearsed
-    if model.trust is not None:
-        datasets |= {"trust/landmarks": model.trust.landmarks, "trust/reach": model.trust.reach}
-        datasets["trust/threshold"] = model.trust.threshold
+    if model.novelty is not None:
+        datasets |= {"novelty/landmarks": model.novelty.landmarks, "novelty/reach": model.novelty.reach}
+        datasets["novelty/threshold"] = model.novelty.threshold
     for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
         datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias
     for i, (weight, bias) in enumerate(zip(model.encoder.weights, model.encoder.biases, strict=True)):
@@ -172,14 +172,14 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             int(file["kp"][()]),
             int(file["best_epoch"][()]),
             file["search_own"][:] if "search_own" in file else None,
-            _trust(file["trust"]) if "trust" in file else None,
+            _novelty(file["novelty"]) if "novelty" in file else None,
             file["rehearsed"][:] if "rehearsed" in file else None,
         )
         return model, header
 
 
-def _trust(group: h5py.Group) -> Trust:
-    return Trust(group["landmarks"][:], float(group["reach"][()]), float(group["threshold"][()]))
+def _novelty(group: h5py.Group) -> Novelty:
+    return Novelty(group["landmarks"][:], float(group["reach"][()]), float(group["threshold"][()]))
 
 
 def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ _RUN = (
     Dataset("runs/*/*/mean_error", "f8", ("N",), "m", "mean vertex distance to the full space", True),
     Dataset("runs/*/*/max_error", "f8", ("N",), "m", "largest vertex distance to the full space", True),
     Dataset("runs/*/*/windowed_mean_error", "f8", ("N",), "m", "the same, restarted every window", True),
-    Dataset("runs/*/*/trust", "f8", ("N",), "", "distance to the training codes, latent space only", True),
+    Dataset("runs/*/*/novelty", "f8", ("N",), "", "distance to the training codes, latent space only", True),
     Dataset("runs/*/*/mean_displacement", "f8", ("N",), "m", "mean displacement of the full space", True),
 )
 
@@ -117,9 +117,9 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
         Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
         Dataset("rehearsed", "f4", ("f", "k"), "kg^½ m", "coordinates of the rehearsed frames, learned from too", True),
-        Dataset("trust/landmarks", "f8", ("L", "r"), "", "training codes", True),
-        Dataset("trust/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
-        Dataset("trust/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),
+        Dataset("novelty/landmarks", "f8", ("L", "r"), "", "training codes", True),
+        Dataset("novelty/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
+        Dataset("novelty/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),
         Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and held-out frames"),
         Dataset("kp", "i8", (), "", "PCA dimension with the autoencoder's largest training error"),
         Dataset("best_epoch", "i8", (), "", "the epoch whose weights were kept"),

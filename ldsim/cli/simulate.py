@@ -21,7 +21,7 @@ from ldsim.optimise.solution import Reason
 from ldsim.pipeline.comparison import Options, ReducedSpace, compare_motion
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.novelty import Trust
+from ldsim.space.novelty import Novelty
 
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
@@ -64,7 +64,7 @@ def command(run: Run) -> None:
                 for space, trajectory, minimiser in compare_motion(
                     scene, metric, spaces, recorded.motion, recorded.held, judge, options, bar.update
                 ):
-                    runs[space][name] = _with_trust(trajectory, model.trust)
+                    runs[space][name] = _with_novelty(trajectory, model.novelty)
                     minimisers[f"{space}_minimiser"] = minimiser
     inputs = ("scene", "snapshots", "basis", "model", "cubature")
     write_simulation(
@@ -74,7 +74,7 @@ def command(run: Run) -> None:
     )
     run.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
     _warn_of_failed_steps(runs)
-    _warn_of_distrust(runs, model.trust)
+    _warn_of_novelty(runs, model.novelty)
 
 
 def _set(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
@@ -96,22 +96,22 @@ def _summary(space: str, motions: dict[str, Trajectory]) -> str:
     return f"{space} {1e3 * np.nanmedian(seconds):.3g} ms a step"
 
 
-def _with_trust(trajectory: Trajectory, trust: Trust | None) -> Trajectory:
-    if trust is None or trajectory.latent is None:
+def _with_novelty(trajectory: Trajectory, novelty: Novelty | None) -> Trajectory:
+    if novelty is None or trajectory.latent is None:
         return trajectory
-    return replace(trajectory, trust=trust(trajectory.latent))
+    return replace(trajectory, novelty=novelty(trajectory.latent))
 
 
-def _warn_of_distrust(runs: dict[str, dict[str, Trajectory]], trust: Trust | None) -> None:
+def _warn_of_novelty(runs: dict[str, dict[str, Trajectory]], novelty: Novelty | None) -> None:
     for name, trajectory in runs["latent"].items():
-        if trust is None or trajectory.trust is None:
+        if novelty is None or trajectory.novelty is None:
             continue
-        far = int((trajectory.trust > trust.threshold).sum())
+        far = int((trajectory.novelty > novelty.threshold).sum())
         if far:
             click.echo(
-                f"warning: {name} in the latent space: {far} of {len(trajectory.trust)} frames are far from the "
-                f"training motions (score up to {np.nanmax(trajectory.trust):.2g}, trusted up to "
-                f"{trust.threshold:.2g}); train on motions like it",
+                f"warning: {name} in the latent space: {far} of {len(trajectory.novelty)} frames are far from the "
+                f"training motions (score up to {np.nanmax(trajectory.novelty):.2g}, threshold "
+                f"{novelty.threshold:.2g}); train on motions like it",
                 err=True,
             )
 

@@ -26,7 +26,7 @@ from ldsim.learn.search import search
 from ldsim.mechanics.scene import Scene
 from ldsim.settings import TrainSettings
 from ldsim.space.lifting import Lifting
-from ldsim.space.novelty import fit_trust
+from ldsim.space.novelty import fit_novelty
 from ldsim.space.pca import Chunks
 from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
 
@@ -69,11 +69,11 @@ def command(run: Run) -> None:
             found = search(U.shape[1], settings.r, trainings.alone, trainings.leading, error, most)
         errors = np.array([error(found.trained), error(found.trained, "heldout")])
     trained = found.trained
-    trust = fit_trust(trained.decoder, trained.encoder, every, unseen)
+    novelty = fit_novelty(trained.decoder, trained.encoder, every, unseen)
     kp = matching_dimension(stored.max_error, errors[0, 0])
     model = StoredModel(
         *(trained.decoder, trained.encoder, trained.loss, found.tried, errors, kp, trained.best_epoch, found.own),
-        *(trust, rehearsed.astype(np.float32) if len(rehearsed) else None),
+        *(novelty, rehearsed.astype(np.float32) if len(rehearsed) else None),
     )
     header = run.header(
         "model", "train", ("snapshots", "basis"), seed=settings.seed, activation=settings.activation, met=int(found.met)

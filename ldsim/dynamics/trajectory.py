@@ -25,7 +25,7 @@ class Trajectory:
         mean_error, max_error: vertex distances to the full-space run in each frame, (N,) metres; None if not known.
         windowed_mean_error: the same, restarted from the full-space state every window.
         mean_displacement: of the full-space run in each frame, (N,) metres.
-        trust: distance to the training codes in each frame (`reduction.trust`), (N,); latent space only.
+        novelty: distance to the training codes in each frame (`space.novelty`), (N,); latent space only.
     """
 
     iterations: Indices
@@ -38,7 +38,7 @@ class Trajectory:
     max_error: Array | None = None
     windowed_mean_error: Array | None = None
     mean_displacement: Array | None = None
-    trust: Array | None = None
+    novelty: Array | None = None
 
     @property
     def diverged(self) -> bool:

@@ -88,12 +88,12 @@ def _trust(run: FinishedRun) -> dict[str, str]:
     """One figure a motion that the latent space ran with a score."""
     figures = {}
     for name, trajectory in run.runs("latent").items():
-        if run.model.trust is None or trajectory.trust is None or trajectory.mean_error is None:
+        if run.model.novelty is None or trajectory.novelty is None or trajectory.mean_error is None:
             continue
-        seconds = run.scene.time_step * np.arange(1.0, len(trajectory.trust) + 1)
-        error, memory = MM_PER_M * trajectory.mean_error, remembered(trajectory.trust, run.scene.time_step)
+        seconds = run.scene.time_step * np.arange(1.0, len(trajectory.novelty) + 1)
+        error, memory = MM_PER_M * trajectory.mean_error, remembered(trajectory.novelty, run.scene.time_step)
         correlation = rank_correlation(memory, trajectory)
         figures[f"trust_{name}"] = trust_over_time(
-            seconds, (trajectory.trust, memory), error, run.model.trust.threshold, correlation, name
+            seconds, (trajectory.novelty, memory), error, run.model.novelty.threshold, correlation, name
         )
     return figures

@@ -161,19 +161,21 @@ def _online_error(trajectory: Trajectory) -> dict[str, float | None] | None:
 
 def _trust(run: FinishedRun, trajectory: Trajectory) -> dict[str, float | None] | None:
     """The score over the motion, the share of distrusted frames, and how well it ranks the true error."""
-    if trajectory.trust is None or run.model.trust is None:
+    if trajectory.novelty is None or run.model.novelty is None:
         return None
-    known = np.isfinite(trajectory.trust)
-    scores = trajectory.trust[known]
+    known = np.isfinite(trajectory.novelty)
+    scores = trajectory.novelty[known]
     if len(scores) == 0:
         return None
-    threshold = run.model.trust.threshold
+    threshold = run.model.novelty.threshold
     return {
         "median": _finite(np.median(scores)),
         "threshold": _finite(threshold),
         "distrusted": _finite((scores > threshold).mean()),
-        "rank_correlation": rank_correlation(trajectory.trust, trajectory),
-        "rank_correlation_remembered": rank_correlation(remembered(trajectory.trust, run.scene.time_step), trajectory),
+        "rank_correlation": rank_correlation(trajectory.novelty, trajectory),
+        "rank_correlation_remembered": rank_correlation(
+            remembered(trajectory.novelty, run.scene.time_step), trajectory
+        ),
     }
 
 

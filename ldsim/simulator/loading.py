@@ -23,7 +23,7 @@ from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
 from ldsim.simulator.simulator import Simulator
 from ldsim.space.decoder import Decoder
-from ldsim.space.novelty import Trust
+from ldsim.space.novelty import Novelty
 from ldsim.space.pca import Pca
 
 Array = NDArray[np.float64]
@@ -61,15 +61,15 @@ def load(
         return full_simulator(scene, 1e-6 if tolerance is None else tolerance)
     basis, model, cubature = _reduced_parts(folder, scene)
     chosen = cubature[space].stepped if points is None else cubature[space].at_most(points)
-    U, decoder, distrust = basis.basis.matrix, model.decoder, None
+    U, decoder, novelty = basis.basis.matrix, model.decoder, None
     if space == "linear":
         U, decoder = np.ascontiguousarray(U[:, : model.kp]), Decoder.identity(model.kp)
-    elif model.trust is not None:
-        distrust = _distrust(model.trust)
+    elif model.novelty is not None:
+        novelty = _novelty(model.novelty)
     stopping = stop_of(scene) if tolerance is None else tolerance
     stepper = ReducedStepper(scene, U, decoder, chosen, tolerance=stopping)
     dynamics = ReducedDynamics(scene, stepper)
-    return Simulator(scene, dynamics, space, basis=U, points=chosen.points, distrust=distrust)
+    return Simulator(scene, dynamics, space, basis=U, points=chosen.points, novelty=novelty)
 
 
 def stop_of(scene: Scene) -> float:
@@ -82,9 +82,9 @@ def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:
     return Simulator(scene, FullDynamics(scene, tolerance), "full")
 
 
-def _distrust(trust: Trust) -> Callable[[ReducedState], float]:
+def _novelty(novelty: Novelty) -> Callable[[ReducedState], float]:
     """The score of a state over the one from which on to warn."""
-    return lambda state: float(trust(state.z[None])[0]) / trust.threshold
+    return lambda state: float(novelty(state.z[None])[0]) / novelty.threshold
 
 
 def _reduced_parts(folder: Path, scene: Scene) -> tuple[Pca, StoredModel, dict[str, StoredCubature]]:

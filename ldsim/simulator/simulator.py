@@ -68,7 +68,7 @@ class Simulator:
         basis: U, (3n, k) float64; None in the full space.
         points: the cubature, (c,) indices of quadrature points; None in the full space.
         bound: a step that leads further than this many diagonals from rest is not taken.
-        distrust: how far a state is from the training data, 1 where to warn; None where that is not known.
+        novelty: how far a state is from the training data, 1 where to warn; None where that is not known.
 
     Attributes:
         last: the record of the last step, None before the first.
@@ -84,11 +84,11 @@ class Simulator:
         basis: Array | None = None,
         points: NDArray[np.int64] | None = None,
         bound: float = BOUND,
-        distrust: Callable[[Any], float] | None = None,
+        novelty: Callable[[Any], float] | None = None,
     ) -> None:
         self.scene, self.space, self.basis, self.points = scene, space, basis, points
         self.surface = Surface.of(scene)
-        self._dynamics, self._distrust = dynamics, distrust
+        self._dynamics, self._novelty = dynamics, novelty
         self._limit = bound * scene.mesh.diagonal
         self._gravity, self._material_scale = scene.gravity.astype(np.float64), 1.0
         self._next_key = 0
@@ -252,9 +252,9 @@ class Simulator:
         return self._dynamics.coordinates(self._state).copy()
 
     @property
-    def distrust(self) -> float:
+    def novelty(self) -> float:
         """How far the state is from the training data; from 1 on, beware. NaN where the run does not tell."""
-        return np.nan if self._distrust is None else self._distrust(self._state)
+        return np.nan if self._novelty is None else self._novelty(self._state)
 
     def displacement(self) -> Array:
         """u of every vertex, (n, 3) float64, metres."""

@@ -31,7 +31,7 @@ FACTOR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Trust:
+class Novelty:
     """What the score is computed from.
 
     Attributes:
@@ -77,7 +77,7 @@ def distance(landmarks: Array, z: Array) -> float:
     return math.sqrt(least) if math.isfinite(z.sum()) else math.nan
 
 
-def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Trust:
+def fit_novelty(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Novelty:
     """Landmarks from the training motions, the threshold from the held-out ones.
 
     A held-out pose is badly decoded when the error of its nearest code, relative to the spread of the training
@@ -91,17 +91,17 @@ def fit_trust(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Tr
     z = encoder(q)
     # At most every second code is a landmark, so that the others tell how far apart neighbours are.
     landmarks = _spread(np.vstack([np.zeros((1, z.shape[1])), z]), min(LANDMARKS, len(z) // 2 + 1))
-    usual = float(np.quantile(Trust(landmarks, 1.0, 0.0)(z), 0.99))
-    trust = Trust(landmarks, max(usual, 1e-6 * float(np.abs(z).max()), np.finfo(float).tiny), 2.0)
+    usual = float(np.quantile(Novelty(landmarks, 1.0, 0.0)(z), 0.99))
+    novelty = Novelty(landmarks, max(usual, 1e-6 * float(np.abs(z).max()), np.finfo(float).tiny), 2.0)
     if len(unseen) == 0:
-        return trust
+        return novelty
     well = float(np.quantile(np.linalg.norm(decoder(z) - q, axis=1), USUAL))
     poses = unseen[:: max(len(unseen) // POSES, 1)]
     guesses = encoder(poses)
     codes = np.array([nearest_latent(decoder, a, b) for a, b in zip(poses, guesses, strict=True)])
     bad = np.linalg.norm(decoder(codes) - poses, axis=1) > FACTOR * well
-    threshold = _separating(trust(codes), bad, trust.threshold)
-    return Trust(trust.landmarks, trust.reach, max(threshold, 1.0))
+    threshold = _separating(novelty(codes), bad, novelty.threshold)
+    return Novelty(novelty.landmarks, novelty.reach, max(threshold, 1.0))
 
 
 def _spread(points: Array, most: int) -> Array:

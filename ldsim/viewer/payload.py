@@ -74,7 +74,7 @@ class SpaceFrame:
     evaluations: float
     outcome: int
     troubled: int
-    distrust: float
+    novelty: float
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def frame_bytes(
                 space.evaluations,
                 space.outcome,
                 space.troubled,
-                space.distrust,
+                space.novelty,
             )
         )
         parts.append(q.tobytes())

@@ -76,5 +76,5 @@ def space_frame(simulator: Simulator, statistics: Statistics) -> SpaceFrame:
         float(np.mean(statistics.evaluations)),
         OUTCOMES.index(statistics.worst),
         sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
-        simulator.distrust,
+        simulator.novelty,
     )

@@ -1,4 +1,4 @@
-"""`ldsim train`: what a kill in the middle costs, and what the artefact tells of the search and of trust."""
+"""`ldsim train`: what a kill in the middle costs, and what the artefact tells of the search and of novelty."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ def test_a_search_leaves_its_table_in_the_artefact(experiment: Experiment) -> No
 
 def test_simulate_records_trust_and_warns_where_it_is_low(experiment: Experiment) -> None:
     with h5py.File(experiment.run / "simulation.h5") as file:
-        scores = file["runs/latent/b/trust"][:]
-        assert "trust" not in file["runs/linear/b"]
+        scores = file["runs/latent/b/novelty"][:]
+        assert "novelty" not in file["runs/linear/b"]
     assert len(scores) == 20
     assert (scores[np.isfinite(scores)] >= 0).all()
     with h5py.File(experiment.run / "model.h5", "r+") as file:
-        file["trust/threshold"][...] = 0.0
+        file["novelty/threshold"][...] = 0.0
     assert experiment.invoke("cubature").exit_code == 0
     result = experiment.invoke("simulate")
     assert result.exit_code == 0

@@ -12,7 +12,7 @@ import ldsim
 from ldsim.artefacts.records import read_cubature, read_model, write_cubature, write_model, write_scene
 from ldsim.errors import ArtefactError
 from ldsim.simulator import load
-from ldsim.space.novelty import Trust
+from ldsim.space.novelty import Novelty
 from tests.simulator.playable import KP, K, R, header, solid, write_playable
 
 
@@ -85,17 +85,17 @@ def test_an_artefact_of_another_scene_is_refused(own_run: Path) -> None:
 
 
 def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_them(own_run: Path) -> None:
-    assert np.isnan(load(own_run).distrust)
+    assert np.isnan(load(own_run).novelty)
     model, _ = read_model(own_run / "model.h5")
-    trust = Trust(np.zeros((1, R)), 0.5, 0.25)
-    write_model(own_run / "model.h5", header(own_run, "model", activation="elu"), replace(model, trust=trust))
+    novelty = Novelty(np.zeros((1, R)), 0.5, 0.25)
+    write_model(own_run / "model.h5", header(own_run, "model", activation="elu"), replace(model, novelty=novelty))
     cubature, _ = read_cubature(own_run / "cubature.h5")
     write_cubature(own_run / "cubature.h5", header(own_run, "cubature"), cubature)
     sim = load(own_run)
-    assert sim.distrust == 0.0
+    assert sim.novelty == 0.0
     sim.step(5)
-    np.testing.assert_allclose(sim.distrust, 8 * np.linalg.norm(sim.save().state.z), rtol=1e-12)
-    assert np.isnan(load(own_run, "linear").distrust)
+    np.testing.assert_allclose(sim.novelty, 8 * np.linalg.norm(sim.save().state.z), rtol=1e-12)
+    assert np.isnan(load(own_run, "linear").novelty)
 
 
 def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(run: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Trust: near the training codes it is low, far from them high, and its threshold comes from held-out poses."""
+"""Novelty: near the training codes it is low, far from them high, and its threshold comes from held-out poses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-from ldsim.space.novelty import MEMORY, Trust, fit_trust, remembered
+from ldsim.space.novelty import MEMORY, Novelty, fit_novelty, remembered
 
 Array = NDArray[np.float64]
 
@@ -27,24 +27,24 @@ def ring(radius: float, count: int, seed: int = 0) -> Array:
 
 def test_training_codes_score_at_most_one_but_for_a_hundredth() -> None:
     z = np.random.default_rng(1).normal(size=(2000, 2)) * [1.0, 1e-2]
-    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
-    assert (trust(z) <= 1).mean() == pytest.approx(0.99, abs=0.002)
-    assert trust.threshold == 2.0
+    novelty = fit_novelty(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert (novelty(z) <= 1).mean() == pytest.approx(0.99, abs=0.002)
+    assert novelty.threshold == 2.0
 
 
 def test_the_score_is_the_distance_to_the_nearest_landmark() -> None:
     rng = np.random.default_rng(2)
-    trust, z = Trust(rng.normal(size=(30, 3)), 2.5, 1.0), rng.normal(size=(8, 3))
-    distances = np.linalg.norm(z[:, None] - trust.landmarks[None], axis=2)
-    np.testing.assert_allclose(trust(z), distances.min(axis=1) / 2.5, rtol=1e-12)
+    novelty, z = Novelty(rng.normal(size=(30, 3)), 2.5, 1.0), rng.normal(size=(8, 3))
+    distances = np.linalg.norm(z[:, None] - novelty.landmarks[None], axis=2)
+    np.testing.assert_allclose(novelty(z), distances.min(axis=1) / 2.5, rtol=1e-12)
 
 
 def test_rest_and_training_codes_are_trusted_and_what_lies_beyond_is_not() -> None:
     z = ring(1.0, 3000)
-    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
-    assert trust(np.zeros((1, 2)))[0] == 0.0
-    assert trust(z).max() < 3
-    assert trust(ring(2.0, 20)).min() > trust.threshold
+    novelty = fit_novelty(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert novelty(np.zeros((1, 2)))[0] == 0.0
+    assert novelty(z).max() < 3
+    assert novelty(ring(2.0, 20)).min() > novelty.threshold
 
 
 def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> None:
@@ -54,8 +54,8 @@ def test_the_threshold_tells_badly_decoded_held_out_poses_from_good_ones() -> No
     good, far = rng.normal(size=(100, 2)), ring(30.0, 100)
     off = 0.1 * np.linalg.svd(MATRIX)[0][:, 5]
     unseen = np.vstack([good @ MATRIX.T, far @ MATRIX.T + off])
-    trust = fit_trust(*plane(), z @ MATRIX.T + noise, unseen)
-    assert trust(good).max() < trust.threshold <= trust(far).min()
+    novelty = fit_novelty(*plane(), z @ MATRIX.T + noise, unseen)
+    assert novelty(good).max() < novelty.threshold <= novelty(far).min()
 
 
 def test_codes_like_the_training_ones_are_not_warned_of_even_where_near_poses_are_badly_decoded() -> None:
@@ -64,9 +64,9 @@ def test_codes_like_the_training_ones_are_not_warned_of_even_where_near_poses_ar
     noise = 1e-3 * rng.normal(size=(500, 6))
     off = 0.1 * np.linalg.svd(MATRIX)[0][:, 5]
     unseen = np.vstack([z[:50] @ MATRIX.T, rng.normal(size=(50, 2)) @ MATRIX.T + off])
-    trust = fit_trust(*plane(), z @ MATRIX.T + noise, unseen)
-    assert trust.threshold == 1.0
-    assert (trust(z) > trust.threshold).mean() < 0.02
+    novelty = fit_novelty(*plane(), z @ MATRIX.T + noise, unseen)
+    assert novelty.threshold == 1.0
+    assert (novelty(z) > novelty.threshold).mean() < 0.02
 
 
 @pytest.mark.parametrize(("times", "told"), [(1.9, False), (2.1, True)])
@@ -74,19 +74,19 @@ def test_a_pose_is_badly_decoded_from_twice_the_usual_error_on(times: float, tol
     rng, usual = np.random.default_rng(3), 1e-3 * np.linalg.svd(MATRIX)[0][:, 5]
     good, far = rng.normal(size=(50, 2)), ring(30.0, 50)
     unseen = np.vstack([good @ MATRIX.T + usual, far @ MATRIX.T + times * usual])
-    trust = fit_trust(*plane(), rng.normal(size=(300, 2)) @ MATRIX.T + usual, unseen)
-    assert (trust.threshold != 2.0) == told
+    novelty = fit_novelty(*plane(), rng.normal(size=(300, 2)) @ MATRIX.T + usual, unseen)
+    assert (novelty.threshold != 2.0) == told
 
 
 def test_a_code_that_is_not_finite_has_no_score() -> None:
-    trust = Trust(np.zeros((1, 2)), 1.0, 1.0)
-    assert np.isnan(trust(np.array([[np.nan, 0.0]]))).all()
+    novelty = Novelty(np.zeros((1, 2)), 1.0, 1.0)
+    assert np.isnan(novelty(np.array([[np.nan, 0.0]]))).all()
 
 
 def test_few_training_codes_still_have_a_scale() -> None:
     z = np.random.default_rng(4).normal(size=(40, 2))
-    trust = fit_trust(*plane(), z @ MATRIX.T, np.empty((0, 6)))
-    assert 0.5 < trust(z).max() < 3
+    novelty = fit_novelty(*plane(), z @ MATRIX.T, np.empty((0, 6)))
+    assert 0.5 < novelty(z).max() < 3
 
 
 @pytest.mark.parametrize("time_step", [0.001, 0.01])
