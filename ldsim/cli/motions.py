@@ -9,7 +9,7 @@ from ldsim.cli.regions import region
 from ldsim.cli.stage import Run
 from ldsim.errors import LdsimError, MotionError
 from ldsim.mechanics.motion import Drag, Motion, Support
-from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.pulls import surface_pulls
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.regions import vertices_in
 from ldsim.mechanics.scene import Scene
@@ -21,13 +21,11 @@ from ldsim.mechanics.script import (
     gravity_sweep,
     support_along,
 )
-from ldsim.mesh.surface import surface_vertices
 from ldsim.settings import (
     GrabSettings,
     GravitySweepSettings,
     MotionSettings,
     MovingPinsSettings,
-    PullSettings,
     ReleaseSettings,
     ScriptSettings,
     load_script,
@@ -54,7 +52,7 @@ def _motion(run: Run, scene: Scene, settings: MotionSettings) -> Motion:
     if settings.recording is not None:
         return read_recording(resolve_path(settings.recording, run.config), settings.name)
     if settings.pulls is not None:
-        return pulls(settings.name, scene, settings.pulls)
+        return surface_pulls(settings.name, scene, settings.pulls)
     if settings.script is not None:
         return _scripted(settings.name, scene, settings.script)
     if settings.script_file is not None:
@@ -63,22 +61,6 @@ def _motion(run: Run, scene: Scene, settings: MotionSettings) -> Motion:
         return _sweep(settings.name, scene, settings.gravity_sweep)
     assert settings.release is not None
     return _release(settings.name, scene, settings.release)
-
-
-def pulls(name: str, scene: Scene, settings: PullSettings) -> Motion:
-    """Random pulls at the movable surface of a scene."""
-    movable = scene.mesh.vertices[np.intersect1d(surface_vertices(scene.mesh), scene.free)]
-    return random_pulls(
-        name,
-        movable,
-        settings.count,
-        settings.seed,
-        settings.reach,
-        settings.stiffness,
-        settings.radius,
-        settings.frames,
-        settings.rest,
-    )
 
 
 def _scripted(name: str, scene: Scene, script: ScriptSettings) -> Motion:

@@ -16,13 +16,13 @@ from tqdm import tqdm
 from ldsim.artefacts.records import StoredModel, read_basis, read_scene, write_model
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
-from ldsim.cli.motions import pulls
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
 from ldsim.jit import one_thread
 from ldsim.learn import Forces, Trained, TrainingOptions, train, train_ordered
 from ldsim.learn.equilibrium import spread_forces
 from ldsim.learn.search import search
+from ldsim.mechanics.pulls import surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.settings import TrainSettings
 from ldsim.space.lifting import Lifting
@@ -99,7 +99,7 @@ def _rehearsed(
     store = TrainingStore(folder, "rehearsal", digest.hexdigest())
     kept = store.load()
     if kept is None:
-        motion = pulls("rehearsal", scene, settings.rehearsal)
+        motion = surface_pulls("rehearsal", scene, settings.rehearsal)
         with progress_bar(None, "train: cubature of the rehearsal", "set") as bar:
 
             def show(points: int, error: float) -> None:

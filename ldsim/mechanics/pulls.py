@@ -2,45 +2,64 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.mechanics.motion import Drag, Motion
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.surface import surface_vertices
+from ldsim.options import Field, Options, Positive, Seed
 
 
-def random_pulls(
-    name: str,
-    surface: NDArray[np.float64],
-    count: int,
-    seed: int,
-    reach: float,
-    stiffness: float,
-    radius: float,
-    frames: int,
-    rest: int,
-) -> Motion:
-    """Pull one surface point after another: out along a smooth ramp, held, let go, left to swing.
+class PullOptions(Options):
+    """Random pulls at the surface, one after another, each followed by free motion."""
+
+    count: Annotated[int, Field(ge=1, description="Number of pulls, one after another.")]
+    seed: Annotated[Seed, Field(description="Seed of where and which way.")] = 0
+    reach: Annotated[Positive, Field(description="How far the pointer goes from the surface, m.")]
+    stiffness: Annotated[Positive, Field(description="Of the spring, N/m.")] = 30.0
+    radius: Annotated[Positive, Field(description="Vertices within it are held, m.")] = 0.03
+    frames: Annotated[int, Field(ge=2, description="Frames of one pull.")] = 40
+    rest: Annotated[int, Field(ge=0, description="Frames of free motion after each pull.")] = 40
+
+    @property
+    def frames_of_one(self) -> int:
+        """Frames of a pull and of the free motion after it."""
+        return self.frames + self.rest
+
+
+def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
+    """Random pulls at the movable surface of a scene."""
+    movable = np.intersect1d(surface_vertices(scene.mesh), scene.free)
+    return random_pulls(name, scene.mesh.vertices[movable], options)
+
+
+def random_pulls(name: str, points: NDArray[np.float64], options: PullOptions) -> Motion:
+    """Pull one point after another: out along a smooth ramp, held, let go, left to swing.
 
     Points are chosen farthest from those chosen before, the first at random, so that few pulls cover the surface,
     however unevenly its vertices lie. Directions are those of a Fibonacci lattice on the sphere, turned and shuffled at
     random.
 
     Args:
-        surface: movable vertices of the surface at rest, (v, 3) float64, metres.
-        reach: how far the pointer goes from the point, metres.
-        frames, rest: frames of a pull, and of free motion after it.
+        points: where a pull may take hold, at rest, (v, 3) float64, metres.
     """
-    generator = np.random.default_rng(seed)
-    points = surface[_spread(surface, count, generator)]
+    count, frames, stride = options.count, options.frames, options.frames_of_one
+    generator = np.random.default_rng(options.seed)
+    chosen = points[_spread(points, count, generator)]
     directions = spread_directions(count, generator)
-    lengths = reach * generator.uniform(0.4, 1.0, size=count)
+    lengths = options.reach * generator.uniform(0.4, 1.0, size=count)
+    # There after seven tenths of the pull, with no jump in speed at either end.
     ramp = np.minimum(np.arange(1, frames + 1) / (0.7 * frames), 1.0)
     ramp = ramp * ramp * (3 - 2 * ramp)
-    drags = [
-        Drag(i * (frames + rest), point, point + ramp[:, None] * (length * direction), radius, stiffness, at_rest=True)
-        for i, (point, direction, length) in enumerate(zip(points, directions, lengths, strict=True))
-    ]
-    return Motion(name, count * (frames + rest), tuple(drags))
+
+    def drag(i: int) -> Drag:
+        targets = chosen[i] + ramp[:, None] * (lengths[i] * directions[i])
+        return Drag(i * stride, chosen[i], targets, options.radius, options.stiffness, at_rest=True)
+
+    return Motion(name, count * stride, tuple(map(drag, range(count))))
 
 
 def spread_directions(count: int, generator: np.random.Generator) -> NDArray[np.float64]:

@@ -11,7 +11,6 @@ from ldsim.settings.motions import (
     GravitySweepSettings,
     MotionSettings,
     MovingPinsSettings,
-    PullSettings,
     ReleaseSettings,
     ScriptSettings,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "MeshSettings",
     "MotionSettings",
     "MovingPinsSettings",
-    "PullSettings",
     "RegionSettings",
     "ReleaseSettings",
     "ScriptSettings",

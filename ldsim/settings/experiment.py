@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ldsim.mechanics.pulls import PullOptions
 from ldsim.options import Options, Positive
-from ldsim.settings.motions import MotionSettings, PullSettings
+from ldsim.settings.motions import MotionSettings
 from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
 
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
@@ -77,7 +78,7 @@ class TrainSettings(Options):
     )
     equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
     equilibrium_poses: int = Field(200, ge=1, description="Training poses that it looks at.")
-    rehearsal: PullSettings | None = Field(
+    rehearsal: PullOptions | None = Field(
         None, description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
     )
     recorded_share: float = Field(

@@ -7,20 +7,11 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from ldsim.mechanics.pulls import PullOptions
 from ldsim.options import Options, Positive, Vector
 from ldsim.settings.scene import RegionSettings
 
 MOTION_KINDS = ("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
-
-
-class PullSettings(Options):
-    count: int = Field(ge=1, description="Number of pulls, one after another.")
-    seed: int = Field(0, ge=0, description="Seed of where and which way.")
-    reach: Positive = Field(description="How far the pointer goes from the surface, m.")
-    stiffness: Positive = Field(30.0, description="Of the spring, N/m.")
-    radius: Positive = Field(0.03, description="Vertices within it are held, m.")
-    frames: int = Field(40, ge=2, description="Frames of one pull.")
-    rest: int = Field(40, ge=0, description="Frames of free motion after each pull.")
 
 
 class KeyframeSettings(Options):
@@ -117,7 +108,7 @@ class MotionSettings(Options):
         None, description="Whether the model may learn from it; left out, train, or as heldout_share chooses."
     )
     recording: str | None = Field(None, description="CSV of a recorded interaction.")
-    pulls: PullSettings | None = Field(None, description="Seeded random pulls.")
+    pulls: PullOptions | None = Field(None, description="Seeded random pulls.")
     script: ScriptSettings | None = Field(None, description="Keyframes of grabs, moving pins and gravity.")
     script_file: str | None = Field(None, description="The same in a YAML file of its own.")
     gravity_sweep: GravitySweepSettings | None = Field(None, description="Gravity from every direction in turn.")

@@ -14,7 +14,7 @@ from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
 from ldsim.mechanics.motion import GrabTracker, Motion
-from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.pulls import PullOptions, random_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from tests.helpers import scene
@@ -29,7 +29,8 @@ def body() -> Scene:
 
 
 def pulled(body: Scene, seed: int) -> Motion:
-    return random_pulls("pulls", body.mesh.vertices[body.movable], 3, seed, 0.08, 40.0, 0.03, 12, 10)
+    options = PullOptions(count=3, seed=seed, reach=0.08, stiffness=40.0, radius=0.03, frames=12, rest=10)
+    return random_pulls("pulls", body.mesh.vertices[body.movable], options)
 
 
 @pytest.fixture(scope="module")

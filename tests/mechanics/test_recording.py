@@ -9,7 +9,7 @@ import pytest
 
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion
-from ldsim.mechanics.pulls import random_pulls, spread_directions
+from ldsim.mechanics.pulls import PullOptions, random_pulls, spread_directions
 from ldsim.mechanics.recording import read_recording, write_recording
 
 HEADER = "# spring_stiffness_n_per_m: 30\n# grab_radius_m: 0.03\n"
@@ -68,14 +68,14 @@ PULLS = {"count": 6, "reach": 0.2, "stiffness": 30.0, "radius": 0.05, "frames": 
 
 
 def test_pulls_repeat_with_their_seed_and_differ_without() -> None:
-    first, again, other = (random_pulls("p", SURFACE, seed=seed, **PULLS) for seed in (1, 1, 2))
+    first, again, other = (random_pulls("p", SURFACE, PullOptions(**PULLS | {"seed": seed})) for seed in (1, 1, 2))
     for a, b in zip(first.drags, again.drags, strict=True):
         np.testing.assert_array_equal(a.targets, b.targets)
     assert not np.array_equal(first.drags[0].targets, other.drags[0].targets)
 
 
 def test_pulls_come_one_after_another_and_stay_within_reach() -> None:
-    motion = random_pulls("p", SURFACE, seed=1, **PULLS)
+    motion = random_pulls("p", SURFACE, PullOptions(**PULLS | {"seed": 1}))
     assert motion.frames == 6 * 15
     assert [(drag.start, drag.stop) for drag in motion.drags] == [(15 * i, 15 * i + 10) for i in range(6)]
     for drag in motion.drags:
@@ -85,7 +85,7 @@ def test_pulls_come_one_after_another_and_stay_within_reach() -> None:
 
 
 def test_pulls_spread_over_the_surface() -> None:
-    points = np.array([drag.point for drag in random_pulls("p", SURFACE, seed=1, **PULLS).drags])
+    points = np.array([drag.point for drag in random_pulls("p", SURFACE, PullOptions(**PULLS | {"seed": 1})).drags])
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)[~np.eye(6, dtype=bool)].min()
     chance = np.random.default_rng(3).choice(SURFACE, (2000, 6))
     by_chance = np.linalg.norm(chance[:, :, None] - chance[:, None], axis=3) + 10 * np.eye(6)
@@ -93,7 +93,7 @@ def test_pulls_spread_over_the_surface() -> None:
 
 
 def test_more_pulls_than_surface_vertices_use_some_twice() -> None:
-    motion = random_pulls("p", SURFACE[:2], seed=1, **PULLS)
+    motion = random_pulls("p", SURFACE[:2], PullOptions(**PULLS | {"seed": 1}))
     assert len(motion.drags) == 6
 
 
@@ -114,7 +114,9 @@ def test_directions_of_pulls_are_spread_over_the_sphere(count: int) -> None:
 def test_pulls_cover_a_surface_evenly_however_unevenly_its_vertices_lie() -> None:
     rng = np.random.default_rng(5)
     crowded = np.concatenate([rng.uniform(0, 0.1, (2000, 3)), rng.uniform(0, 1, (200, 3))]) * [1, 1, 0]
-    points = np.array([drag.point for drag in random_pulls("p", crowded, seed=2, **PULLS | {"count": 30}).drags])
+    points = np.array(
+        [drag.point for drag in random_pulls("p", crowded, PullOptions(**PULLS | {"seed": 2, "count": 30})).drags]
+    )
     in_the_crowd = (points[:, :2] < 0.1).all(axis=1).mean()
     assert in_the_crowd < 0.1, "a hundredth of the area holds nine tenths of the vertices"
 
