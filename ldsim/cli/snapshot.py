@@ -9,7 +9,8 @@ from ldsim.artefacts.records import read_scene
 from ldsim.cli.motions import motion
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.dynamics.full.linear_choice import choose
-from ldsim.pipeline.ensemble import SolverOptions, run_motions
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.pipeline.ensemble import run_motions
 
 SCHEDULER = click.Option(
     ["--scheduler"],
@@ -26,14 +27,8 @@ def command(run: Run, scheduler: str | None = None) -> None:
     motions = [motion(run, scene, entry) for entry in settings.motions]
     folder = run.folder / "snapshots.partial"
     choice = choose(scene, settings.linear_solver, min(settings.workers, len(motions)))
-    options = SolverOptions(
-        settings.tolerance,
-        settings.factor_cost,
-        settings.max_iterations,
-        settings.method,
-        choice.name,
-        settings.quasistatic,
-    )
+    solver_options = FullOptions(**settings.model_dump(include=set(FullOptions.model_fields)))
+    options = solver_options.model_copy(update={"linear_solver": choice.name})
     solver = f"{settings.method}, {'quasi-static' if settings.quasistatic else 'dynamic'}, {choice.words}"
     click.echo(f"full space: {solver}", err=True)
     frames = sum(each.frames for each in motions)

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.mechanics.motion import Grab
@@ -61,7 +62,7 @@ class FullDynamics(Dynamics[FullState]):
 
     def __init__(self, scene: Scene, tolerance: float) -> None:
         self._scene = scene
-        self._stepper = FullStepper(scene, tolerance)
+        self._stepper = FullStepper(scene, FullOptions(tolerance=tolerance))
         self._total_mass = float(scene.mass.sum())
 
     def at_rest(self) -> FullState:

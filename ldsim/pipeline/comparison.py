@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.dynamics.reduced.stepper import Prescribed, ReducedState, ReducedStepper
@@ -111,7 +112,7 @@ def run_full(
     scene: Scene, motion: Motion, held: Held, frames: range, before: tuple[Array, Array], tolerance: float
 ) -> Trajectory:
     """Step through frames of a motion in the full space from the displacements of the two frames before, (n, 3)."""
-    stepper = FullStepper(scene, tolerance)
+    stepper = FullStepper(scene, FullOptions(tolerance=tolerance))
     tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
     state = FullState(before[0], before[1], before[0])
     counts = np.zeros((len(frames), 3), dtype=np.int64)

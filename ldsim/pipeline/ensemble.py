@@ -12,7 +12,6 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import motion_arrays
 from ldsim.artefacts.store import file_hash
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
@@ -32,35 +32,11 @@ from ldsim.pipeline.cluster import executor, result
 POLL_SECONDS = 0.5
 
 
-@dataclass(frozen=True)
-class SolverOptions:
-    """Settings of the full-space solver, as `FullStepper` takes them."""
-
-    tolerance: float
-    factor_cost: int
-    max_iterations: int
-    method: str = "lbfgs"
-    linear_solver: str = "auto"
-    quasistatic: bool = False
-
-    def stepper(self, scene: Scene) -> FullStepper:
-        """A stepper with these settings."""
-        return FullStepper(
-            scene,
-            self.tolerance,
-            self.factor_cost,
-            self.max_iterations,
-            self.method,
-            self.linear_solver,
-            self.quasistatic,
-        )
-
-
 def run_motions(
     scene_path: Path,
     folder: Path,
     motions: Sequence[Motion],
-    options: SolverOptions,
+    options: FullOptions,
     workers: int,
     progress: Callable[[int, int], None],
     scheduler: str | None = None,
@@ -96,7 +72,7 @@ def run_motions(
             lease.given_back()
 
 
-def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOptions) -> None:
+def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOptions) -> None:
     """Run one motion from rest or from its checkpoint to its end, in the process of a worker.
 
     Raises:
@@ -115,7 +91,7 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOp
         if checkpoint is None:
             store.start()
             checkpoint = _beginning(identity, scene)
-        stepper = options.stepper(scene)
+        stepper = FullStepper(scene, options)
         tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(checkpoint.held))
         statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
         seconds = list(checkpoint.seconds)
@@ -133,7 +109,7 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: SolverOp
             started = time.perf_counter()
 
 
-def run_identity(scene_path: Path, motion: Motion, options: SolverOptions) -> str:
+def run_identity(scene_path: Path, motion: Motion, options: FullOptions) -> str:
     """SHA-256 of all that a run depends on."""
     digest = hashlib.sha256(file_hash(scene_path).encode())
     digest.update(repr((motion.name, motion.frames, options)).encode())

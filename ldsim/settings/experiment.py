@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.mechanics.pulls import PullOptions
 from ldsim.options import Options, Positive
 from ldsim.settings.motions import MotionSettings
@@ -15,7 +16,7 @@ from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
 
-class SnapshotSettings(Options):
+class SnapshotSettings(FullOptions):
     """Full-space runs that the model learns from and is judged on."""
 
     motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What happens to the solid.")
@@ -23,14 +24,6 @@ class SnapshotSettings(Options):
         0.0, ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."
     )
     heldout_seed: int = Field(0, ge=0, description="Of the choice of these.")
-    tolerance: Positive = Field(1e-6, description="Stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.")
-    method: Literal["lbfgs", "newton"] = Field("lbfgs", description="L-BFGS, or Newton with clamped Hessians.")
-    linear_solver: Literal["auto", "direct", "multigrid"] = Field(
-        "auto", description="Of the sparse systems; auto takes a direct factor where it fits in memory."
-    )
-    quasistatic: bool = Field(False, description="Leave inertia out: every frame is an equilibrium.")
-    factor_cost: int = Field(25, ge=1, description="Cost of a factorisation, in iterations of L-BFGS.")
-    max_iterations: int = Field(500, ge=1, description="Of the minimiser in one step.")
     workers: int = Field(2, ge=1, description="Motions that run side by side.")
 
     @model_validator(mode="after")

@@ -34,6 +34,7 @@ from tqdm import tqdm
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import GrabTracker, Motion
@@ -42,7 +43,7 @@ from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import cross
-from ldsim.pipeline.ensemble import SolverOptions, run_motion
+from ldsim.pipeline.ensemble import run_motion
 from ldsim.report.plotting import FULL, LATENT, new_axes, to_svg
 
 Array = NDArray[np.float64]
@@ -102,7 +103,7 @@ def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_
     """Step from rest through the first frames of the recording, or of its first drag."""
     started = time.perf_counter()
     scene, motion = load(mesh_name, refinements)
-    stepper = FullStepper(scene, TOLERANCE, linear_solver=linear_solver)
+    stepper = FullStepper(scene, FullOptions(tolerance=TOLERANCE, linear_solver=linear_solver))
     tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
     state = FullState.at_rest(scene.mesh.n_vertices)
     first = motion.drags[0].start if dragging else 0
@@ -156,7 +157,7 @@ def snapshot_peak(frames: int) -> float:
         write_scene(path, Header("scene", "", {}, -1, {}), uniform_scene(mesh, pinned, youngs_modulus=4e4))
         partial = Path(folder) / "partial"
         partial.mkdir()
-        run_motion(path, Lease.taken(partial), Motion("hang", frames), SolverOptions(TOLERANCE, 25, 500))
+        run_motion(path, Lease.taken(partial), Motion("hang", frames), FullOptions(tolerance=TOLERANCE))
     return peak_gib()
 
 

@@ -13,6 +13,7 @@ from scikit_fem_step import ScikitFemStepper
 from tqdm import tqdm
 
 from ldsim.dynamics.full.linear_choice import choose
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import TurnedHessian
 from ldsim.dynamics.full.stepper import FullState, FullStepper
@@ -80,7 +81,7 @@ def race(scene: Scene, motion: Motion, count: int, tolerance: float) -> tuple[di
         zip(GOALS, (RestStepper(scene, tolerance).step, ScikitFemStepper(scene, tolerance).step), strict=True)
     )
     records = {name: Record() for name in (OURS, *rivals)}
-    stepper, state = FullStepper(scene, tolerance), FullState.at_rest(scene.mesh.n_vertices)
+    stepper, state = FullStepper(scene, FullOptions(tolerance=tolerance)), FullState.at_rest(scene.mesh.n_vertices)
     tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
     first, made = motion.drags[0].start, 0
     for frame in tqdm(range(first - WARM_UP, first + count), desc="rivals", unit="frame"):

@@ -17,6 +17,7 @@ from results_file import row, write_results
 
 from ldsim import load
 from ldsim.artefacts.records import read_basis, read_model
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.jit import one_thread
 from ldsim.simulator import Simulator
@@ -54,7 +55,9 @@ def main(folder: Path) -> None:
     sim = load(folder, tolerance=1e-8)
     scene = sim.scene
     with one_thread():
-        full, solved = FullStepper(scene, quasistatic=True).step(FullState.at_rest(scene.mesh.n_vertices), [])
+        full, solved = FullStepper(scene, FullOptions(quasistatic=True)).step(
+            FullState.at_rest(scene.mesh.n_vertices), []
+        )
         rng = np.random.default_rng(0)
         ends = [released(sim, rng) for _ in range(PULLS)]
     model, U = read_model(folder / "model.h5")[0], read_basis(folder / "basis.h5")[0].basis.U

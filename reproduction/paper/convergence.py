@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
@@ -36,7 +37,9 @@ def _full(scene: Scene, u: Array) -> Solve:
     def solve(most: int) -> Solution:
         state = FullState(u, u, np.zeros_like(u))
         # the rest pose's Hessian throughout, as in the paper
-        return FullStepper(scene, TOLERANCE, factor_cost=10**9, max_iterations=most).step(state, [])[1]
+        return FullStepper(scene, FullOptions(tolerance=TOLERANCE, factor_cost=10**9, max_iterations=most)).step(
+            state, []
+        )[1]
 
     return solve
 

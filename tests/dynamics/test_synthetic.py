@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse import eye_array, kron
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
@@ -37,7 +38,7 @@ def pulled(body: Scene, seed: int) -> Motion:
 def frames(body: Scene) -> Array:
     """The full-space run of the pulls of seed 1, (N, 3n)."""
     motion = pulled(body, 1)
-    stepper, state = FullStepper(body, tolerance=1e-9), FullState.at_rest(body.mesh.n_vertices)
+    stepper, state = FullStepper(body, FullOptions(tolerance=1e-9)), FullState.at_rest(body.mesh.n_vertices)
     tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
     result = []
     for frame in range(motion.frames):

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.errors import MotionError
@@ -45,7 +46,7 @@ def snapshots() -> tuple[NDArray[np.float32], dict[int, NDArray[np.int64]]]:
 
 def recorded(motion: Motion) -> tuple[NDArray[np.float32], dict[int, NDArray[np.int64]]]:
     tracker = GrabTracker(motion, BODY.mesh.vertices, BODY.movable)
-    stepper = FullStepper(BODY, tolerance=1e-9)
+    stepper = FullStepper(BODY, FullOptions(tolerance=1e-9))
     frames = run(stepper, tracker, FullState.at_rest(BODY.mesh.n_vertices), range(motion.frames))
     return np.array([state.u for _, state, _ in frames], dtype=np.float32), tracker.held
 
@@ -92,7 +93,9 @@ def test_with_another_material_the_spaces_run_it_and_nothing_is_judged(snapshots
     linear = runs["linear"]
     assert linear.mean_error is None and linear.windowed_mean_error is None and linear.coordinates is not None
     tracker = GrabTracker(MOTION, BODY.mesh.vertices, BODY.movable, dict(held))
-    alone = run(FullStepper(softer, tolerance=1e-9), tracker, FullState.at_rest(BODY.mesh.n_vertices), range(14))
+    alone = run(
+        FullStepper(softer, FullOptions(tolerance=1e-9)), tracker, FullState.at_rest(BODY.mesh.n_vertices), range(14)
+    )
     for (_, state, _), q in zip(alone, linear.coordinates, strict=True):
         np.testing.assert_allclose((U @ q).reshape(-1, 3), state.u, atol=1e-7)
 

@@ -25,16 +25,17 @@ from numpy.typing import NDArray
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Snapshots
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.cluster import local_cluster, result
-from ldsim.pipeline.ensemble import SolverOptions, run_motion, run_motions
+from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
 
 WAIT = 60.0
 FRAMES = 800
 MOTIONS = ("a", "b")
-SOLVER = SolverOptions(1e-6, 25, 500)
+SOLVER = FullOptions()
 
 
 @pytest.fixture(scope="module")
@@ -180,9 +181,9 @@ def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(scene
 
 
 @pytest.mark.parametrize(
-    "options", [SolverOptions(1e-5, 25, 500), SolverOptions(1e-6, 20, 500)], ids=["tolerance", "cost of a factor"]
+    "options", [FullOptions(tolerance=1e-5), FullOptions(factor_cost=20)], ids=["tolerance", "cost of a factor"]
 )
-def test_other_settings_start_anew(scene: Path, tmp_path: Path, options: SolverOptions) -> None:
+def test_other_settings_start_anew(scene: Path, tmp_path: Path, options: FullOptions) -> None:
     run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)
     first = seconds_so_far(tmp_path, "m")
     run_motions(scene, tmp_path, [still("m", 6)], SOLVER, 1, lambda *_: None)

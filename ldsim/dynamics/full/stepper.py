@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import TurnedHessian
 from ldsim.errors import SolverError
@@ -27,6 +28,7 @@ from ldsim.optimise.solution import Reason, Solution
 Array = NDArray[np.float64]
 
 STILL = Conditions()
+DEFAULTS = FullOptions()
 WINDOW = 8
 
 
@@ -56,32 +58,16 @@ class FullStepper:
     """Steps a scene in the full space.
 
     Args:
-        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖u‖, 1), N.
-        factor_cost: cost of a factorisation, in iterations.
-        method: "lbfgs" or "newton".
-        linear_solver: "direct", "multigrid", "auto", or a choice made before.
-        quasistatic: leave inertia out, so that each frame is an equilibrium.
+        choice: how its sparse systems are solved, where that was chosen before; else as `options.linear_solver` says.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        tolerance: float = 1e-6,
-        factor_cost: int = 25,
-        max_iterations: int = 500,
-        method: str = "lbfgs",
-        linear_solver: str | LinearChoice = "auto",
-        quasistatic: bool = False,
-    ) -> None:
+    def __init__(self, scene: Scene, options: FullOptions = DEFAULTS, choice: LinearChoice | None = None) -> None:
         self._scene = scene
-        self._tolerance = tolerance
-        self._newton = method == "newton"
-        self._factor_cost = factor_cost
-        self._max_iterations = max_iterations
-        self._quasistatic = quasistatic
-        self.choice = choose(scene, linear_solver) if isinstance(linear_solver, str) else linear_solver
-        exact = self._newton or quasistatic
-        self._hessian = TurnedHessian(scene, self.choice, exact=exact, inertia=not quasistatic)
+        self._options = options
+        self._newton = options.method == "newton"
+        self.choice = choice or choose(scene, options.linear_solver)
+        exact = self._newton or options.quasistatic
+        self._hessian = TurnedHessian(scene, self.choice, exact=exact, inertia=not options.quasistatic)
         self._factorised_at: Array | None = None
         self.factorisations = 0
 
@@ -90,9 +76,9 @@ class FullStepper:
     ) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
-        if excess > self._factor_cost:
+        if excess > self._options.factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
-        predictor = None if self._quasistatic else 2 * state.u - state.u_previous
+        predictor = None if self._options.quasistatic else 2 * state.u - state.u_previous
         potential = IncrementalPotential(self._scene, predictor, grabs, conditions.gravity)
         x, guesses = _initial_guess(potential, state, self._scene.pinned, conditions.prescribed)
         if self._newton:
@@ -101,7 +87,7 @@ class FullStepper:
 
         def refactorise(trial: Array, iteration: int) -> bool:
             nonlocal u_factor, fresh
-            if iteration == 0 or (iteration % self._factor_cost and not self._newton):
+            if iteration == 0 or (iteration % self._options.factor_cost and not self._newton):
                 return False
             u_factor, fresh = trial.reshape(-1, 3).copy(), -1
             self._prepare(u_factor, trial, grabs)
@@ -111,9 +97,9 @@ class FullStepper:
             potential.value_gradient,
             x,
             self._hessian.solve,
-            self._tolerance,
+            self._options.tolerance,
             window=0 if self._newton else WINDOW,
-            max_iterations=self._max_iterations,
+            max_iterations=self._options.max_iterations,
             refresh=refactorise,
         )
         if fresh < 0:

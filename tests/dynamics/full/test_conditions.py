@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support
 from ldsim.mechanics.recording import read_recording
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 def states(body: Scene, motion: Motion, tolerance: float = 1e-10) -> list[Array]:
     """The displacement after each frame."""
     tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
-    stepper = FullStepper(body, tolerance=tolerance)
+    stepper = FullStepper(body, FullOptions(tolerance=tolerance))
     steps = list(run(stepper, tracker, FullState.at_rest(body.mesh.n_vertices), range(motion.frames)))
     assert all(solution.converged for _, _, solution in steps)
     return [state.u for _, state, _ in steps]
@@ -79,7 +80,7 @@ def test_gravity_of_a_motion_takes_the_place_of_the_scene_s() -> None:
     given = states(scene(mesh, gravity=(7.0, 7.0, 7.0)), Motion("turning", 4, gravity=track))
     state = FullState.at_rest(mesh.n_vertices)
     for g, u in zip(track, given, strict=True):
-        state, _ = FullStepper(scene(mesh, gravity=tuple(g)), tolerance=1e-10).step(state, [])
+        state, _ = FullStepper(scene(mesh, gravity=tuple(g)), FullOptions(tolerance=1e-10)).step(state, [])
         np.testing.assert_allclose(u, state.u, atol=1e-9)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.mechanics.materials import MATERIALS, energy_stress
 from ldsim.mechanics.quadrature import reference_points
@@ -42,7 +43,9 @@ def clamped_box(cells: int, cell_type: str, material: str, noise: float) -> Scen
 
 def equilibrium(body: Scene, start: Array, method: str = "newton", linear_solver: str = "direct") -> Array:
     """The equilibrium reached from a displacement whose pinned vertices are where they shall be, (n, 3)."""
-    stepper = FullStepper(body, 1e-9, method=method, linear_solver=linear_solver, quasistatic=True)
+    stepper = FullStepper(
+        body, FullOptions(tolerance=1e-9, method=method, linear_solver=linear_solver, quasistatic=True)
+    )
     state, solution = stepper.step(FullState(start, start, start), [])
     assert solution.converged, solution.reason.words
     return state.u
@@ -123,7 +126,7 @@ def test_the_error_against_a_manufactured_solution_falls_with_the_square_of_the_
 def end_of_swing(steps: int, body: Scene) -> Array:
     """Where a solid that begins to hang at rest is after 0.16 s in a number of steps."""
     body = replace(body, time_step=0.16 / steps)
-    stepper, state = FullStepper(body, tolerance=1e-7), FullState.at_rest(body.mesh.n_vertices)
+    stepper, state = FullStepper(body, FullOptions(tolerance=1e-7)), FullState.at_rest(body.mesh.n_vertices)
     for _ in range(steps):
         state, solution = stepper.step(state, [])
         assert solution.converged
@@ -143,7 +146,7 @@ def test_a_free_spinning_solid_keeps_its_momentum_and_loses_spin_only_as_implici
     body = scene(beam(0.4, 0.1, 0.1, 1), material, 2e4, gravity=STILL)
     body.pinned[:] = False
     x, h = body.mesh.vertices, body.time_step
-    stepper = FullStepper(body, tolerance=1e-10)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-10))
     velocity = np.cross([1.0, 3.0, -2.0], x - x.mean(axis=0)) + [0.2, -0.1, 0.3]
     state = replace(FullState.at_rest(len(x)), u_previous=-h * velocity)
     spins = []

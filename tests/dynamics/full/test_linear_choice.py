@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ldsim.dynamics.full.linear_choice import choose
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.errors import SolverError
 from ldsim.mechanics.motion import Grab
@@ -44,7 +45,9 @@ def test_every_way_of_solving_takes_the_same_steps(rival: tuple[str, str], quasi
     held = np.flatnonzero(BODY.mesh.vertices[:, 0] > 0.4 - 1e-9)
     ends = []
     for method, linear_solver in (rival, ("lbfgs", "direct")):
-        stepper = FullStepper(BODY, 1e-8, method=method, linear_solver=linear_solver, quasistatic=quasistatic)
+        stepper = FullStepper(
+            BODY, FullOptions(tolerance=1e-8, method=method, linear_solver=linear_solver, quasistatic=quasistatic)
+        )
         state = FullState.at_rest(BODY.mesh.n_vertices)
         for frame in range(3):
             state, solution = stepper.step(state, [Grab(held, np.array([0.35, 0.04 * frame, 0.02]), 200.0)])
@@ -55,7 +58,7 @@ def test_every_way_of_solving_takes_the_same_steps(rival: tuple[str, str], quasi
 
 
 def test_newton_needs_few_iterations_and_a_hessian_in_each() -> None:
-    stepper = FullStepper(BODY, 1e-9, method="newton")
+    stepper = FullStepper(BODY, FullOptions(tolerance=1e-9, method="newton"))
     _, solution = stepper.step(FullState.at_rest(BODY.mesh.n_vertices), [])
     assert solution.converged
     assert 1 <= solution.iterations <= 4
@@ -64,7 +67,7 @@ def test_newton_needs_few_iterations_and_a_hessian_in_each() -> None:
 
 def test_a_quasi_static_frame_does_not_depend_on_the_one_before() -> None:
     n = BODY.mesh.n_vertices
-    stepper = FullStepper(BODY, 1e-9, quasistatic=True)
+    stepper = FullStepper(BODY, FullOptions(tolerance=1e-9, quasistatic=True))
     moving = FullState(np.zeros((n, 3)), 0.01 * BODY.mesh.vertices, np.zeros((n, 3)))
     first, _ = stepper.step(FullState.at_rest(n), [])
     second, _ = stepper.step(moving, [])

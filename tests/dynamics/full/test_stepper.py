@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.errors import MotionError, SolverError
@@ -61,7 +62,7 @@ def test_the_incremental_potential_has_the_gradient_it_says(material: str, cell_
 
 def test_a_body_too_soft_to_matter_falls_freely_far_from_its_pins() -> None:
     body = scene(beam(2.0, 0.1, 0.1, 1), "linear", youngs_modulus=1e-8, gravity=(0.0, -9.81, 2.0))
-    stepper, state = FullStepper(body, tolerance=1e-12), FullState.at_rest(body.mesh.n_vertices)
+    stepper, state = FullStepper(body, FullOptions(tolerance=1e-12)), FullState.at_rest(body.mesh.n_vertices)
     for n in range(1, 6):
         state, solution = stepper.step(state, [])
         assert solution.converged
@@ -79,7 +80,7 @@ def test_an_eigenmode_decays_by_the_recursion_of_implicit_euler(mode: int) -> No
     damping = 1 + body.time_step**2 * squares[mode]
     assert damping > 1.05
     q, q_before = 1e-2, 1e-2
-    stepper = FullStepper(body, tolerance=1e-11)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-11))
     state = replace(FullState.at_rest(body.mesh.n_vertices), u=q * shape, u_previous=q_before * shape)
     for _ in range(8):
         state, _ = stepper.step(state, [])
@@ -91,7 +92,7 @@ def hanging_tip(resolution: int) -> float:
     """The tip's static deflection of a cantilever, metres: one step of a time so long that inertia is nothing."""
     mesh = beam(1.0, 0.1, 0.1, resolution, "hex8")
     body = scene(mesh, "linear", youngs_modulus=1e6, poisson_ratio=0.0, time_step=1e6)
-    state, solution = FullStepper(body, tolerance=1e-9).step(FullState.at_rest(mesh.n_vertices), [])
+    state, solution = FullStepper(body, FullOptions(tolerance=1e-9)).step(FullState.at_rest(mesh.n_vertices), [])
     assert solution.converged
     return float(state.u[tip(body), 1].mean())
 
@@ -113,7 +114,7 @@ def test_without_forcing_the_energy_never_grows_and_the_solid_comes_to_rest() ->
     start = bent(body.mesh, noise=0.0)
     start[body.pinned] = 0
     start *= np.minimum(body.mesh.vertices[:, :1] / 0.4, 1)
-    stepper = FullStepper(body, tolerance=1e-8)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-8))
     state = replace(FullState.at_rest(body.mesh.n_vertices), u=start, u_previous=start)
     energies = [elastic_energy(body.elements, start)]
     for _ in range(40):
@@ -143,7 +144,7 @@ def pulled() -> tuple[Scene, Motion]:
 def test_a_run_interrupted_and_resumed_repeats_the_undisturbed_one_bit_for_bit() -> None:
     body, motion = pulled()
     rest, movable, n = body.mesh.vertices, body.movable, body.mesh.n_vertices
-    stepper, tracker = FullStepper(body, factor_cost=3), GrabTracker(motion, rest, movable)
+    stepper, tracker = FullStepper(body, FullOptions(factor_cost=3)), GrabTracker(motion, rest, movable)
     states = [state for _, state, _ in run(stepper, tracker, FullState.at_rest(n), range(16))]
     assert stepper.factorisations > 2, "the resumed run must cross a factorisation, or this shows little"
     for frame in (1, 5, 11):
@@ -153,7 +154,7 @@ def test_a_run_interrupted_and_resumed_repeats_the_undisturbed_one_bit_for_bit()
         )
         held = {i: vertices.copy() for i, vertices in tracker.held.items() if motion.drags[i].start <= frame}
         again = GrabTracker(motion, rest, movable, held)
-        resumed = list(run(FullStepper(body, factor_cost=3), again, copy, range(frame + 1, 16)))
+        resumed = list(run(FullStepper(body, FullOptions(factor_cost=3)), again, copy, range(frame + 1, 16)))
         for later, state, _ in resumed:
             np.testing.assert_array_equal(state.u, states[later].u)
             assert (state.fresh_iterations, state.excess) == (states[later].fresh_iterations, states[later].excess)
@@ -164,7 +165,7 @@ def test_the_result_of_a_step_does_not_depend_on_where_the_factor_was_made() -> 
     tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
     ends = []
     for factor_cost in (1, 1000):
-        stepper = FullStepper(body, tolerance=1e-9, factor_cost=factor_cost)
+        stepper = FullStepper(body, FullOptions(tolerance=1e-9, factor_cost=factor_cost))
         *_, (_, state, _) = run(stepper, tracker, FullState.at_rest(body.mesh.n_vertices), range(10))
         ends.append(state.u)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)

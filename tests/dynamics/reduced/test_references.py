@@ -10,6 +10,7 @@ import skfem
 from numpy.typing import NDArray
 from skfem.models.elasticity import linear_elasticity
 
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
@@ -24,7 +25,7 @@ SKFEM_HEX = [0, 3, 4, 1, 7, 2, 5, 6]
 
 def equilibrium(body: Scene) -> Array:
     """The equilibrium from rest, (n, 3) metres."""
-    stepper = FullStepper(body, tolerance=1e-10, method="newton", quasistatic=True)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-10, method="newton", quasistatic=True))
     state, solution = stepper.step(FullState.at_rest(body.mesh.n_vertices), [])
     assert solution.converged, solution.reason.words
     return state.u

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import grab_rows
 from ldsim.dynamics.full.stepper import FullState, FullStepper
@@ -87,7 +88,7 @@ def run(some: ReducedStepper, grabs: list[Grab], frames: int) -> list[ReducedSta
 def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None:
     U = full_basis(body)
     reduced = run(stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9), pull(body), 6)
-    full, state = FullStepper(body, tolerance=1e-9), FullState.at_rest(body.mesh.n_vertices)
+    full, state = FullStepper(body, FullOptions(tolerance=1e-9)), FullState.at_rest(body.mesh.n_vertices)
     for step in reduced:
         state, _ = full.step(state, pull(body))
         np.testing.assert_allclose((U @ step.q).reshape(-1, 3), state.u, atol=1e-8)
@@ -100,7 +101,7 @@ def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
     U = full_basis(body)
     linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9)
     state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
-    full = FullStepper(body, tolerance=1e-9)
+    full = FullStepper(body, FullOptions(tolerance=1e-9))
     for gravity in (np.array([3.0, -9.0, 1.0]), np.array([0.0, 12.0, -5.0]), None, np.zeros(3)):
         state, _ = linear.step(state, [], gravity)
         whole, _ = full.step(whole, [], Conditions(gravity))
@@ -122,7 +123,7 @@ def test_pins_that_move_are_followed_as_in_the_full_space(body: Scene) -> None:
     linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, lifting=lifting)
     tracker, a = GrabTracker(motion, body.mesh.vertices, body.movable), lifting.coordinates(motion)
     state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
-    full = FullStepper(body, tolerance=1e-9)
+    full = FullStepper(body, FullOptions(tolerance=1e-9))
     for frame in range(6):
         grabs, prescribed = pull(body) if frame > 1 else [], Prescribed.of(a, frame)
         state, solution = linear.step(state, grabs, None, prescribed)
