@@ -10,7 +10,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.dynamics.reduced.test_stepper import some_basis
 
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
@@ -18,6 +17,7 @@ from ldsim.mechanics.materials import lame_parameters
 from ldsim.mechanics.motion import Grab
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
+from tests.dynamics.reduced.test_stepper import some_basis
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
