@@ -1,14 +1,12 @@
-"""The static playground: one HTML page with the model inside that simulates in the browser, with no server.
+"""The static playground: the playground's page with the model inside, which simulates in the browser, with no server.
 
-The page holds the bundle of web/src/exported.js, in which the step is a port of ldsim/dynamics, and the model as a
-safetensors file in base64. Nothing is loaded from anywhere, so it works from a disk.
+The step is a port of ldsim/dynamics (web/src/stepping.js), and the model a safetensors file in base64. Nothing is
+loaded from anywhere, so it works from a disk.
 """
 
 from __future__ import annotations
 
 import base64
-import re
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +14,8 @@ from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors
 from ldsim.export.source import Source
-from ldsim.report.camera import look_at_broadside, upright
-from ldsim.web import bundle, inlined, page
+from ldsim.report.camera import first_look
+from ldsim.web import bundle, inlined, playground, playground_style
 
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
 SINGLE = ("vertices", "basis")
@@ -26,28 +24,14 @@ SINGLE = ("vertices", "basis")
 def write_playground(source: Source, path: Path) -> None:
     """Write the page; both reduced spaces go into it, the latent one is shown first."""
     scene = source.scene
-    turn = upright(scene.gravity)
-    rest = scene.mesh.vertices @ turn.T
-    view = look_at_broadside(rest, rest)
-    about = {
-        "experiment": source.experiment,
-        "cells": scene.mesh.n_cells,
-        "vertices": scene.mesh.n_vertices,
-        "cell_type": scene.mesh.cell_type,
-        "azimuth": view.azimuth,
-        "elevation": view.elevation,
-        "up": turn.ravel().tolist(),
-    }
-    parts = {
-        "title": escape(source.experiment),
-        "style": page("exported.css"),
-        "script": bundle("exported"),
-        "about": inlined(about),
-        "model": packed_model(source),
-    }
-    # One pass: what is put in may hold braces of its own.
-    text = re.sub(r"\{(\w+)\}", lambda found: parts[found[1]], page("exported.html"))
-    path.write_text(text, encoding="utf-8")
+    mesh = scene.mesh
+    about = first_look(scene) | {"title": source.experiment, "cells": mesh.n_cells, "cell_type": mesh.cell_type}
+    script = (
+        f'<script type="application/json" id="about">{inlined(about)}</script>\n'
+        f'<script type="application/octet-stream" id="model">{packed_model(source)}</script>\n'
+        f"<script>{bundle('playground')}</script>"
+    )
+    path.write_text(playground(f"<style>{playground_style()}</style>", script), encoding="utf-8")
 
 
 def packed_model(source: Source) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.mechanics.scene import Scene
+
 Array = NDArray[np.float64]
 
 # Of the automatic view, degrees: off the broadside, to the side where the lamp lights it, and above the horizon.
@@ -75,6 +77,14 @@ def look_at_broadside(rest: Array, positions: Array) -> View:
     extents = np.ptp(rest, axis=0)
     flat = extents[1] < FLAT * min(extents[0], extents[2])
     return look_at(positions, azimuth + TURN, RAISED_OVER_FLAT if flat else RAISED)
+
+
+def first_look(scene: Scene) -> dict[str, object]:
+    """How a page shows a solid at first: the rotation (9) that sets it upright, and the angles of its broad side."""
+    turn = upright(scene.gravity)
+    rest = scene.mesh.vertices @ turn.T
+    view = look_at_broadside(rest, rest)
+    return {"up": turn.ravel().tolist(), "azimuth": view.azimuth, "elevation": view.elevation}
 
 
 def screen_positions(view: View, positions: Array) -> Array:

@@ -23,7 +23,7 @@ from ldsim.report.sections import (
     table_one,
     trust,
 )
-from ldsim.web import bundle
+from ldsim.web import bundle, page
 
 
 def render_page(
@@ -76,7 +76,7 @@ def head(title: str) -> Markup:
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", name="color-scheme", content="light dark"),
         element("title", title),
-        element("style", Markup(STYLE)),
+        element("style", Markup(page("palette.css") + STYLE)),
         element("script", Markup(bundle("report"))),
     )
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import coarsened, surface_triangles
-from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import DISTANCE_STOPS
+from ldsim.report.camera import first_look, upright
 from ldsim.report.errors import MM_PER_M
 from ldsim.report.finished_run import FinishedRun
 from ldsim.report.html import readable
@@ -62,17 +61,10 @@ def make_replay(run: FinishedRun) -> Replay | None:
     modes, coordinates = _compressed(run, clips, vertices)
     scales, modes16, coordinates16 = quantised(modes, coordinates)
     worst, mean = _drawing_error(clips, scales, modes16, coordinates16)
-    turn = upright(run.scene.gravity)
-    rest = run.scene.mesh.vertices @ turn.T
-    view = look_at_broadside(rest, rest)
-    low, high = _box(run, clips, vertices, turn)
-    data = {
-        "up": turn.ravel().tolist(),
-        "azimuth": view.azimuth,
-        "elevation": view.elevation,
+    low, high = _box(run, clips, vertices, upright(run.scene.gravity))
+    data = first_look(run.scene) | {
         "low": low.tolist(),
         "high": high.tolist(),
-        "stops": DISTANCE_STOPS,
         "rest": packed(run.scene.mesh.vertices[vertices], "f4"),
         "triangles": packed(triangles, "u2"),
         "modes": packed(modes16.T, "i2"),

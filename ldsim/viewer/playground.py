@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ldsim.errors import LdsimError
 from ldsim.mechanics.scene import Scene
+from ldsim.report.camera import first_look
 from ldsim.simulator import SPACES, Simulator, full_simulator, load
 from ldsim.viewer.payload import solid_block
 from ldsim.viewer.recorder import Recorder
@@ -64,7 +65,12 @@ def _warm(simulator: Simulator) -> None:
 
 
 def _solid(simulators: Sequence[Simulator], title: str, mode: str) -> bytes:
-    mesh = simulators[0].scene.mesh
-    subtitle = f"{mesh.n_vertices:,} vertices, {mesh.n_cells:,} {mesh.cell_type}"
-    gravity = simulators[0].scene.gravity.tolist()
-    return solid_block(simulators[0], {"title": title, "subtitle": subtitle, "gravity": gravity, "mode": mode})
+    scene = simulators[0].scene
+    mesh = scene.mesh
+    header = {
+        "title": title,
+        "subtitle": f"{mesh.n_vertices:,} vertices, {mesh.n_cells:,} {mesh.cell_type}",
+        "gravity": scene.gravity.tolist(),
+        "mode": mode,
+    }
+    return solid_block(simulators[0], header | first_look(scene))

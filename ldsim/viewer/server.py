@@ -9,7 +9,6 @@ import secrets
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.resources import files
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
@@ -17,6 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Origin
 
+from ldsim import web
 from ldsim.errors import LdsimError
 from ldsim.viewer.protocol import MAX_BYTES, ProtocolError, parse
 from ldsim.viewer.session import Session
@@ -26,11 +26,11 @@ ADDRESS = "127.0.0.1"
 # A page that is closed and not opened again for so long has left.
 GRACE = 3.0
 MAX_PAGES = 8
+HTML = web.playground('<link rel="stylesheet" href="style.css">', '<script src="app.js"></script>')
 PAGE = {
-    "": ("index.html", "text/html; charset=utf-8"),
-    "app.js": ("app.js", "text/javascript; charset=utf-8"),
-    "style.css": ("style.css", "text/css; charset=utf-8"),
-    "licences.txt": ("licences.txt", "text/plain; charset=utf-8"),
+    "": (HTML, "text/html; charset=utf-8"),
+    "app.js": (web.bundle("playground"), "text/javascript; charset=utf-8"),
+    "style.css": (web.playground_style(), "text/css; charset=utf-8"),
 }
 
 
@@ -134,8 +134,8 @@ class Server:
         if name == "socket":
             return self._admit(request)
         if name in PAGE:
-            file, kind = PAGE[name]
-            return _response(200, "OK", (files("ldsim.viewer") / "web" / file).read_bytes(), kind)
+            text, kind = PAGE[name]
+            return _response(200, "OK", text.encode(), kind)
         block = self._solid if name == "solid" else self._session.blocks.get(name.removeprefix("space/"))
         if block is None:
             return _response(404, "Not Found", b"no such thing\n")

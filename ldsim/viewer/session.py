@@ -24,7 +24,7 @@ TICK = 1 / 60
 FIELD_EVERY = 0.1
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
-COLOURS = ("plain", "displacement", *FIELDS, "distrust")
+COLOURS = ("plain", "displacement", *FIELDS, "novelty")
 
 
 class Session:

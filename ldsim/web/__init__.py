@@ -1,21 +1,22 @@
-"""What the pages are made of: HTML and styles in pages/, and the JavaScript of src/ as build.sh has bundled it."""
+"""What the pages are made of: HTML, styles and the palette in pages/, the JavaScript of src/ as bundled by build.sh."""
 
 from __future__ import annotations
 
 import json
+import re
 from importlib.resources import files
 
-__all__ = ["bundle", "inlined", "page"]
+__all__ = ["bundle", "inlined", "page", "playground", "playground_style"]
 
 
 def bundle(name: str) -> str:
-    """The script of one kind of page, "report" or "exported": it imports nothing and keeps its names to itself."""
-    return _read("bundles", f"{name}.js")
+    """The script of one kind of page, "report" or "playground": it imports nothing and keeps its names to itself."""
+    return files("ldsim.web").joinpath("bundles", f"{name}.js").read_text(encoding="utf-8")
 
 
 def page(name: str) -> str:
     """The text of a file of pages/."""
-    return _read("pages", name)
+    return files("ldsim.web").joinpath("pages", name).read_text(encoding="utf-8")
 
 
 def inlined(value: object) -> str:
@@ -27,5 +28,13 @@ def inlined(value: object) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def _read(folder: str, name: str) -> str:
-    return files("ldsim.web").joinpath(folder, name).read_text(encoding="utf-8")
+def playground(style: str, script: str) -> str:
+    """The playground's HTML around the elements that hold or name its style and its script."""
+    # One pass: what is put in may hold braces of its own.
+    parts = {"style": style, "script": script}
+    return re.sub(r"\{(\w+)\}", lambda found: parts[found[1]], page("playground.html"))
+
+
+def playground_style() -> str:
+    """The playground's style, with the palette."""
+    return page("palette.css") + page("playground.css")

@@ -16,7 +16,9 @@ NODE = shutil.which("node")
 STEP = Path(ldsim.web.__file__).parent / "src" / "step.js"
 IMPORTS = f"""
 import {{ readFileSync }} from "node:fs";
-import {{ Solid, Stepper, energyStress, readSafetensors, spaceOf, tangent }} from {json.dumps(STEP.as_uri())};
+import {{
+  Stepper, displaced, energyStress, held, readSafetensors, spaceOf, springOn, tangent
+}} from {json.dumps(STEP.as_uri())};
 """
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed: it runs the playground's step")
 

@@ -21,14 +21,13 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not instal
 # A triangle that faces the camera, far from the pins: its middle on the screen.
 FIND_PLACE = """
 (() => {
-  const { solid, view } = playground, p = solid.positions;
-  playground.decode();
+  const { stage, camera } = ldsim, shape = stage.shapes[0], p = shape.current(), { triangles } = shape.surface;
   let best = null, far = -Infinity;
-  for (let t = 0; t < solid.triangles.length; t += 3) {
-    const corners = [0, 1, 2].map((i) => 3 * solid.triangles[t + i]);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const corners = [0, 1, 2].map((i) => 3 * triangles[t + i]);
     const middle = [0, 1, 2].map((axis) => corners.reduce((sum, c) => sum + p[c + axis] / 3, 0));
-    const [x, y] = view.toScreen(middle), ray = view.ray(x, y), hit = solid.rayHit(ray.origin, ray.direction);
-    if (hit && Math.hypot(...hit.map((h, i) => h - middle[i])) < 1e-5 && middle[0] > far) {
+    const [x, y] = camera.toScreen(middle), ray = camera.ray(x, y), hit = shape.surface.hit(ray.origin, ray.direction);
+    if (hit && Math.hypot(...hit.point.map((h, i) => h - middle[i])) < 1e-5 && middle[0] > far) {
       far = middle[0];
       best = [x, y];
     }
@@ -58,7 +57,7 @@ def show(tab: Tab, page: Path, width: int = 1000, height: int = 700) -> Tab:
     tab.requests.clear()
     tab.size(width, height)
     tab.open(page.resolve().as_uri())
-    tab.wait("document.readyState === 'complete' && window.playground && playground.iterations !== undefined")
+    tab.wait("document.readyState === 'complete' && window.ldsim && ldsim.source.seconds > 0")
     return tab
 
 
@@ -67,15 +66,21 @@ def opened(tab: Tab, page: Path) -> Tab:
     return show(tab, page)
 
 
+def rest(tab: Tab) -> None:
+    """Back to rest, while the clock stands."""
+    tab.evaluate("ldsim.source.send('pause', { value: true }); ldsim.source.send('reset')")
+    tab.wait("ldsim.q(0).every((x) => x === 0)")
+
+
 def pull(opened: Tab) -> dict[str, Any]:
     """Rest, then a pull with the mouse while the clock stands; the pull as the page has it."""
-    opened.evaluate("playground.pause(true); playground.reset()")
+    rest(opened)
     x, y = opened.evaluate(FIND_PLACE)
     opened.mouse("mousePressed", (x, y))
     for step in range(1, 6):
         opened.mouse("mouseMoved", (x + 4 * step, y - 14 * step))
     state = opened.evaluate(
-        "JSON.stringify([...playground.pulls.values()].map(({ held, spring }) => "
+        "JSON.stringify([...ldsim.source.pulls.values()].map(({ held, springs: [spring] }) => "
         "({ held, target: Array.from(spring.target), stiffness: spring.stiffness })))"
     )
     (only,) = json.loads(state)
@@ -84,18 +89,20 @@ def pull(opened: Tab) -> dict[str, Any]:
 
 
 def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened: Tab, page: Path) -> None:
-    opened.wait("playground.stepper.q.some((q) => q !== 0)")
+    opened.wait("ldsim.q(0).some((q) => q !== 0)")
     assert opened.complaints == []
     assert set(opened.requests) == {page.resolve().as_uri()}
-    opened.wait("document.getElementById('numbers').textContent.includes('iterations')")
+    opened.wait("document.querySelector('#statistics .latent')?.textContent.includes(' ms')")
 
 
 @pytest.mark.parametrize("space", ["latent", "linear"])
 def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, source: Source, space: str) -> None:
-    opened.evaluate(f"playground.choose({space!r})")
+    opened.evaluate(f"ldsim.source.send('spaces', {{ value: [{space!r}] }})")
+    opened.wait(f"ldsim.ready && ldsim.stage.shapes[0].space.space === {space!r}")
     held = pull(opened)
-    opened.evaluate(f"for (let i = 0; i < {STEPS}; i++) playground.stepOnce(); playground.decode()")
-    seen = np.array(opened.evaluate("Array.from(playground.solid.positions)")).reshape(-1, 3)
+    opened.evaluate(f"for (let i = 0; i < {STEPS}; i++) ldsim.source.stepOnce()")
+    opened.wait("ldsim.q(0).every((x, i) => x === Math.fround(ldsim.source.shown[0].q[i]))")
+    seen = np.array(opened.evaluate("ldsim.positions(0)")).reshape(-1, 3)
     opened.mouse("mouseReleased", (0, 0))
     some, body = source.spaces[space], source.scene
     stepper = ReducedStepper(body, some.U, some.decoder, some.cubature, tolerance=1e-9)
@@ -111,50 +118,52 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, sou
 
 
 def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(opened: Tab) -> None:
-    before = opened.evaluate("playground.view.azimuth")
+    before = opened.evaluate("ldsim.camera.azimuth")
     opened.mouse("mousePressed", (30, 120))
     opened.mouse("mouseMoved", (90, 120))
-    assert opened.evaluate("playground.pulls.size") == 0
+    assert opened.evaluate("ldsim.source.pulls.size") == 0
     opened.mouse("mouseReleased", (90, 120))
-    assert opened.evaluate("playground.view.azimuth") == pytest.approx(before - 24)
+    assert opened.evaluate("ldsim.camera.azimuth") == pytest.approx(before - 24)
 
 
 def test_two_fingers_on_the_solid_are_two_pulls(opened: Tab) -> None:
-    opened.evaluate("playground.pause(true); playground.reset()")
+    rest(opened)
     x, y = opened.evaluate(FIND_PLACE)
     opened.touch("touchStart", [(x, y), (x - 3, y + 3)])
-    assert opened.evaluate("playground.stepper.potential.springs.length") == 2
+    assert opened.evaluate("ldsim.source.shown[0].potential.springs.length") == 2
     opened.touch("touchEnd", [])
-    assert opened.evaluate("playground.stepper.potential.springs.length") == 0
+    assert opened.evaluate("ldsim.source.shown[0].potential.springs.length") == 0
 
 
 def test_releasing_gravity_and_stiffness_act_on_the_next_step(opened: Tab) -> None:
     pull(opened)
     opened.mouse("mouseReleased", (0, 0))
-    assert opened.evaluate("playground.stepper.potential.springs.length") == 0
+    assert opened.evaluate("ldsim.source.shown[0].potential.springs.length") == 0
     opened.evaluate("document.getElementById('gravity').click()")
-    opened.evaluate("playground.reset(); playground.stepOnce()")
-    assert opened.evaluate("Math.max(...playground.stepper.q.map(Math.abs))") == 0
-    opened.evaluate("stiffness.value = 1; stiffness.dispatchEvent(new Event('input'))")
-    assert opened.evaluate("playground.stepper.potential.stiffer") == 2
+    rest(opened)
+    opened.evaluate("ldsim.source.stepOnce()")
+    assert opened.evaluate("Math.max(...ldsim.source.shown[0].q.map(Math.abs))") == 0
+    opened.evaluate("stiffness.value = 0.3; stiffness.dispatchEvent(new Event('input'))")
+    assert opened.evaluate("ldsim.source.shown[0].potential.stiffer") == pytest.approx(10**0.3)
 
 
 def test_pause_stops_the_clock_and_step_makes_one_step(opened: Tab) -> None:
-    opened.evaluate("playground.steps = 0; playground.stepOnce = () => { playground.steps++; }")
-    opened.evaluate("playground.pause(true); playground.steps = 0")
-    assert opened.evaluate("new Promise((done) => setTimeout(() => done(playground.steps), 200))") == 0
-    opened.evaluate("document.getElementById('single').click()")
-    assert opened.evaluate("playground.steps") == 1
+    opened.evaluate("window.steps = 0; ldsim.source.stepOnce = () => { steps++; }")
+    opened.wait("steps > 0")
+    opened.evaluate("document.getElementById('pause').click(); steps = 0")
+    assert opened.evaluate("new Promise((done) => setTimeout(() => done(steps), 200))") == 0
+    opened.evaluate("document.getElementById('step').click()")
+    assert opened.evaluate("steps") == 1
 
 
 @pytest.mark.parametrize("width", [360, 1400])
 def test_the_controls_fit_the_width_and_leave_room_for_the_solid(tab: Tab, page: Path, width: int) -> None:
-    box = show(tab, page, width, 740).evaluate(
-        "(({ left, right, top }) => [left, right, top])(document.getElementById('controls').getBoundingClientRect())"
+    left, right, top, bottom = show(tab, page, width, 740).evaluate(
+        "(({ left, right, top, bottom }) => [left, right, top, bottom])"
+        "(document.getElementById('panel').getBoundingClientRect())"
     )
-    assert box[0] >= 0
-    assert box[1] <= width
-    assert box[2] > 0.6 * 740
+    assert 0 <= left < right <= width and 0 <= top < bottom <= 740
+    assert left > 0.6 * width or top > 0.6 * 740
 
 
 def test_the_page_says_what_is_missing_without_webgl(tab: Tab, page: Path, tmp_path: Path) -> None:
@@ -162,5 +171,5 @@ def test_the_page_says_what_is_missing_without_webgl(tab: Tab, page: Path, tmp_p
     text = page.read_text(encoding="utf-8")
     without.write_text(text.replace('getContext("webgl2"', 'getContext("webgl-none"'), encoding="utf-8")
     tab.open(without.resolve().as_uri())
-    tab.wait("document.getElementById('message')?.hidden === false")
-    assert "needs WebGL 2" in tab.evaluate("document.getElementById('message').textContent")
+    tab.wait("document.getElementById('overlay')?.hidden === false && !document.getElementById('model')")
+    assert "This browser has no WebGL 2" in tab.evaluate("document.getElementById('overlay').textContent")

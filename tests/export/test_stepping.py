@@ -46,15 +46,15 @@ function unpack(text) {
   const bytes = Buffer.from(text, "base64");
   return readSafetensors(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
 }
-result = given.map(({ model, grabs, held }) => {
-  const arrays = unpack(model), solid = new Solid(arrays), space = spaceOf(arrays, "some");
+result = given.map(({ model, grabs, taken }) => {
+  const arrays = unpack(model), space = spaceOf(arrays, "some");
   const stepper = new Stepper(space, arrays.time_step.data[0]);
   stepper.potential.setGravity(arrays.gravity.data);
   let before = "", springs = [];
   return grabs.map((now) => {
     const key = JSON.stringify(now.map((grab) => grab.drag));
     if (key !== before) {
-      springs = now.map((grab) => solid.spring(held[grab.drag], grab.stiffness, space.k));
+      springs = now.map((grab) => springOn(arrays, taken[grab.drag], grab.stiffness, space.k));
       stepper.potential.springs = springs;
       stepper.renew();
       before = key;
@@ -186,7 +186,7 @@ def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder(
             for frame in range(FRAMES)
         ]
         held = {drag: vertices.tolist() for drag, vertices in tracker.held.items()}
-        given.append({"model": packed(body, space), "grabs": grabs, "held": held})
+        given.append({"model": packed(body, space), "grabs": grabs, "taken": held})
     for case, played, (q, iterations, U) in zip(CASES, run_javascript(PLAY, given), expected, strict=True):
         assert all(frame["converged"] for frame in played), case
         u, u_expected = (np.array(x) @ U.T for x in ([frame["q"] for frame in played], q))
@@ -207,7 +207,9 @@ def test_a_drag_takes_hold_of_the_same_vertices() -> None:
     program = """
     const bytes = Buffer.from(given.model, "base64");
     const arrays = readSafetensors(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
-    result = new Solid(arrays).held(given.point, given.radius, Float64Array.from(given.q));
+    const rest = arrays.vertices.data, positions = new Float64Array(rest.length);
+    displaced(rest, arrays.basis.data, 1, Float64Array.from(given.q), positions);
+    result = held(positions, arrays.movable.data, given.point, given.radius);
     """
     given = {"model": packed(body, space), "point": point.tolist(), "radius": radius, "q": q.tolist()}
     assert 1 < len(expected) < body.mesh.n_vertices / 2

@@ -121,7 +121,7 @@ def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, folder: Path
         seconds = LOST_FROM * run.scene.time_step
     opened.evaluate(f"{REPLAY}.show({LOST_FROM - 1})")
     assert "mm from full space" in opened.evaluate("document.querySelector('.panel.linear span').textContent")
-    opened.evaluate(f"{REPLAY}.drawn = 0; {REPLAY}.view.drawPart = () => {REPLAY}.drawn++; {REPLAY}.show({LOST_FROM})")
+    opened.evaluate(f"{REPLAY}.drawn = 0; {REPLAY}.view.draw = () => {REPLAY}.drawn++; {REPLAY}.show({LOST_FROM})")
     assert opened.evaluate("document.querySelector('.panel.linear span').textContent") == f"diverged at {seconds:.2f} s"
     assert opened.evaluate(f"{REPLAY}.drawn") == 2
 
@@ -144,7 +144,7 @@ def test_every_motion_can_be_chosen_and_says_its_role(opened: Tab) -> None:
 
 def test_the_view_turns_by_mouse_finger_and_keys_and_zooms_by_two_fingers(opened: Tab) -> None:
     x, y = middle(opened, ".canvas")
-    view = f"[{REPLAY}.view.azimuth, {REPLAY}.view.elevation, {REPLAY}.view.zoom]"
+    view = f"[{REPLAY}.camera.azimuth, {REPLAY}.camera.elevation, {REPLAY}.camera.zoom]"
     before = opened.evaluate(view)
     opened.mouse("mousePressed", (x, y))
     opened.mouse("mouseMoved", (x + 50, y + 10))

@@ -182,7 +182,7 @@ def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint
     tab.wait("ldsim.ready && document.querySelectorAll('#statistics tr').length === 3")
     click(tab, "gravity")
     click(tab, "pause")
-    for colour in ("displacement", "energy", "stress", "distrust", "plain"):
+    for colour in ("displacement", "energy", "stress", "novelty", "plain"):
         tab.evaluate(
             f"(() => {{ const c = document.getElementById('colour'); c.value = '{colour}'; c.onchange(); }})()"
         )
@@ -201,7 +201,7 @@ def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint
 
 
 def test_a_lost_connection_is_told_and_taken_up_again(tab: Tab) -> None:
-    tab.evaluate("ldsim.disconnect()")
+    tab.evaluate("ldsim.source.socket.close()")
     tab.wait("document.body.classList.contains('lost')")
     assert "connection is lost" in tab.evaluate("document.getElementById('notice').textContent")
     tab.wait("!document.body.classList.contains('lost')")

@@ -1,27 +1,10 @@
-// The model inside the page: a safetensors file (ldsim/export/arrays.py), unpacked without a copy where it is aligned.
+// A reduced model as the exported page has it: its spaces, and what a pull takes hold of.
 
 import { Decoder } from "./decoder.js";
 
-const ARRAY_TYPES = { F64: Float64Array, F32: Float32Array, I32: Int32Array, I8: Int8Array, U8: Uint8Array };
-
-/** name → { data, shape } of a safetensors file in an ArrayBuffer. */
-export function readSafetensors(buffer) {
-  const length = Number(new DataView(buffer).getBigUint64(0, true));
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
-  const arrays = { notes: header.__metadata__ };
-  for (const [name, entry] of Object.entries(header)) {
-    if (name === "__metadata__") continue;
-    const [start, stop] = entry.data_offsets, type = ARRAY_TYPES[entry.dtype];
-    const data = new type(buffer, 8 + length + start, (stop - start) / type.BYTES_PER_ELEMENT);
-    arrays[name] = { data, shape: entry.shape };
-  }
-  return arrays;
-}
-
-/** One space of the model: what the step reads. */
+/** One space of the model: what the step reads. arrays: as readSafetensors gives them. */
 export function spaceOf(arrays, name) {
-  const part = (key) => arrays[`${name}/${key}`].data;
-  const sizes = Array.from(part("sizes"));
+  const part = (key) => arrays[`${name}/${key}`].data, sizes = Array.from(part("sizes"));
   return {
     name,
     r: sizes[0],
@@ -33,9 +16,30 @@ export function spaceOf(arrays, name) {
     mu: part("mu"),
     lam: part("lam"),
     mass: part("mass"),
-    restStiffness: part("rest_stiffness"),
     unitLoads: part("unit_loads"),
     load: part("load"),
     points: part("cubature_weights").length,
   };
+}
+
+/** The movable vertices within `radius` of the one nearest to `point`, at positions (3n): `held_vertices` in Python. */
+export function held(positions, movable, point, radius) {
+  const apart = (v, x) => Math.hypot(positions[3 * v] - x[0], positions[3 * v + 1] - x[1], positions[3 * v + 2] - x[2]);
+  const all = Array.from(movable.keys()), distances = all.map((v) => apart(v, point));
+  const picked = distances.reduce((best, distance, v) => (distance < distances[best] ? v : best), 0);
+  const centre = positions.slice(3 * picked, 3 * picked + 3);
+  return all.filter((v) => movable[v] && apart(v, centre) <= radius);
+}
+
+/** The spring on the centroid of the given vertices, c(q) = centre + B q, for a space of dimension k. */
+export function springOn({ vertices, basis }, held, stiffness, k) {
+  const B = Array.from({ length: 3 }, () => new Float64Array(k)), centre = [0, 0, 0], columns = basis.shape[1];
+  for (const v of held) {
+    for (let axis = 0; axis < 3; axis++) {
+      const row = 3 * v + axis;
+      centre[axis] += vertices.data[row] / held.length;
+      for (let j = 0; j < k; j++) B[axis][j] += basis.data[row * columns + j] / held.length;
+    }
+  }
+  return { B, centre, target: Float64Array.from(centre), stiffness };
 }

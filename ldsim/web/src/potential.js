@@ -2,12 +2,7 @@
 //   E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
 import { energyStress, tangent } from "./materials.js";
-
-export function inner(a, b) {
-  let total = 0;
-  for (let i = 0; i < a.length; i++) total += a[i] * b[i];
-  return total;
-}
+import { inner } from "./vector.js";
 
 export class Potential {
   /** h: time step, s. `load` (k) and `stiffer`, a factor on all moduli, may be changed between steps. */

@@ -1,6 +1,7 @@
 // The reduced step and the model it reads: what the exported page steps with, and what the tests hold to Python's.
 
+export { readSafetensors } from "./arrays.js";
 export { energyStress, tangent } from "./materials.js";
-export { readSafetensors, spaceOf } from "./model.js";
-export { Solid } from "./solid.js";
+export { held, spaceOf, springOn } from "./model.js";
 export { Stepper } from "./stepping.js";
+export { displaced } from "./surface.js";

@@ -1,7 +1,8 @@
 // The reduced step: L-BFGS around the tangent of an earlier state, ported from ldsim/dynamics/reduced.py and
 // ldsim/solvers/lbfgs.py, with the stop rule ‖∇E‖ ≤ tolerance · max(‖z‖, 1).
 
-import { Potential, inner } from "./potential.js";
+import { Potential } from "./potential.js";
+import { inner } from "./vector.js";
 
 const ARMIJO = 1e-4, ROUNDOFF = 1e-10, MAX_BACKTRACKS = 40, EPSILON = 2 ** -52;
 const WINDOW = 8, RENEWAL = 12, RENEWAL_COST = 6;

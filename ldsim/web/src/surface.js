@@ -1,18 +1,17 @@
 // A surface that moves: its triangles, and the copies of its vertices that are drawn.
 
+import { at, cross, dot, minus, normalised } from "./vector.js";
+
 const CREASE = Math.cos((35 * Math.PI) / 180); // facets that meet at a sharper angle have an edge between them
 
-export function normalised(v) {
-  const length = Math.hypot(...v) || 1;
-  return v.map((x) => x / length);
-}
-
-export function cross(a, b) {
-  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-}
-
-export function dot(a, b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+/** out = x + U q, for coordinates x (m), a basis (m, k) row by row, and q of at most k numbers. */
+export function displaced(x, basis, k, q, out) {
+  for (let i = 0, row = 0; i < out.length; i++, row += k) {
+    let total = x[i];
+    for (let j = 0; j < q.length; j++) total += basis[row + j] * q[j];
+    out[i] = total;
+  }
+  return out;
 }
 
 export class Surface {
@@ -20,9 +19,11 @@ export class Surface {
   constructor(rest, triangles) {
     this.rest = rest;
     this.triangles = triangles;
+    this.count = rest.length / 3;
     this.positions = Float32Array.from(rest);
-    this.tints = new Float32Array(rest.length / 3); // 0 … 1, from the first colour to the last
+    this.tints = new Float32Array(this.count); // 0 … 1, from the first colour to the last
     this.makeCorners();
+    this.refresh();
   }
 
   /**
@@ -30,16 +31,15 @@ export class Surface {
    * the numbering of `copies`, each of which is a copy of a surface vertex with a normal of its own.
    */
   makeCorners() {
-    const { triangles } = this;
-    const rest = (i) => Array.from(this.rest.subarray(3 * i, 3 * i + 3));
-    const groups = new Map(); // surface vertex → [{ copy, normal }]
+    const { triangles, rest } = this;
+    const groups = Array.from({ length: this.count }, () => []); // of a vertex: [{ copy, normal }]
     const copies = [];
     this.corners = new Uint32Array(triangles.length);
     for (let t = 0; t < triangles.length; t += 3) {
-      const [a, b, c] = [0, 1, 2].map((i) => rest(triangles[t + i]));
-      const normal = normalised(cross(b.map((x, i) => x - a[i]), c.map((x, i) => x - a[i])));
+      const [a, b, c] = [0, 1, 2].map((i) => at(rest, triangles[t + i]));
+      const normal = normalised(cross(minus(b, a), minus(c, a)));
       for (let i = t; i < t + 3; i++) {
-        const known = groups.get(triangles[i]) ?? groups.set(triangles[i], []).get(triangles[i]);
+        const known = groups[triangles[i]];
         let group = known.find((one) => dot(one.normal, normal) > CREASE);
         if (!group) {
           group = { copy: copies.length, normal };
@@ -55,12 +55,41 @@ export class Surface {
     this.drawnTints = new Float32Array(copies.length);
   }
 
-  /** Hands positions and tints to the copies that are drawn, and computes their normals. */
+  /** The triangles' edges, each once, in the numbering of `copies`. */
+  edges() {
+    const found = new Map();
+    this.triangles.forEach((v, i) => {
+      const next = i % 3 === 2 ? i - 2 : i + 1, w = this.triangles[next];
+      found.set(Math.min(v, w) * this.count + Math.max(v, w), [this.corners[i], this.corners[next]]);
+    });
+    return Uint32Array.from([...found.values()].flat());
+  }
+
+  /** Moves the vertices to x + U q. */
+  move(basis, k, q) {
+    displaced(this.rest, basis, k, q, this.positions);
+  }
+
+  /** Tints by the distance of each vertex to where it is in `reference`: 1 at `limit` and beyond. */
+  tintByDistance(reference, limit) {
+    const { positions: p, tints } = this;
+    for (let v = 0, i = 0; v < tints.length; v++, i += 3) {
+      const apart = Math.hypot(p[i] - reference[i], p[i + 1] - reference[i + 1], p[i + 2] - reference[i + 2]);
+      tints[v] = Math.min(1, apart / limit);
+    }
+  }
+
+  /** Hands tints to the copies that are drawn. */
+  refreshTints() {
+    for (let i = 0; i < this.copies.length; i++) this.drawnTints[i] = this.tints[this.copies[i]];
+  }
+
+  /** Hands positions to the copies that are drawn, and computes their normals: those of facets, weighted by area. */
   refresh() {
     const { positions, copies, drawn, normals, corners } = this;
+    this.refreshTints();
     for (let i = 0; i < copies.length; i++) {
       for (let axis = 0; axis < 3; axis++) drawn[3 * i + axis] = positions[3 * copies[i] + axis];
-      this.drawnTints[i] = this.tints[copies[i]];
     }
     normals.fill(0);
     for (let t = 0; t < corners.length; t += 3) {
@@ -76,4 +105,28 @@ export class Surface {
       }
     }
   }
+
+  /** Where a ray first meets the surface: { distance, point, corners, share }, or null (Möller and Trumbore 1997). */
+  hit(origin, direction) {
+    const { positions, triangles } = this;
+    let best = null;
+    for (let t = 0; t < triangles.length; t += 3) {
+      const corners = [triangles[t], triangles[t + 1], triangles[t + 2]], a = at(positions, corners[0]);
+      const e = minus(at(positions, corners[1]), a), f = minus(at(positions, corners[2]), a);
+      const h = cross(direction, f), determinant = dot(e, h);
+      if (determinant === 0) continue;
+      const s = minus(origin, a), u = dot(s, h) / determinant;
+      if (u < 0 || u > 1) continue;
+      const r = cross(s, e), v = dot(direction, r) / determinant;
+      if (v < 0 || u + v > 1) continue;
+      const distance = dot(f, r) / determinant;
+      if (distance > 0 && !(distance > best?.distance)) best = { distance, corners, share: [1 - u - v, u, v] };
+    }
+    return best && { ...best, point: origin.map((x, i) => x + best.distance * direction[i]) };
+  }
+}
+
+/** The place of a hit on other positions of the same surface. */
+export function blend({ corners, share }, positions) {
+  return [0, 1, 2].map((axis) => corners.reduce((sum, corner, i) => sum + share[i] * positions[3 * corner + axis], 0));
 }

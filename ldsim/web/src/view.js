@@ -1,246 +1,146 @@
-// Draws a moving surface with WebGL 2: a lit solid and its shadow on a floor, seen by a camera that orbits. The surface
-// may be drawn several times, at other positions, in parts of one canvas.
+// Draws moving surfaces with WebGL 2: solids lit by one lamp, their shadows on each other and on a floor, and points.
 
-import { cross, dot, normalised } from "./surface.js";
+import { lampProjection } from "./camera.js";
+import { Program, attribute, isSoftware, target, texture, update } from "./gl.js";
+import { normalised } from "./vector.js";
+import depthShader from "./shaders/depth.frag.glsl";
+import floorFragment from "./shaders/floor.frag.glsl";
+import floorVertex from "./shaders/floor.vert.glsl";
+import pointFragment from "./shaders/points.frag.glsl";
+import pointVertex from "./shaders/points.vert.glsl";
+import shadowShader from "./shaders/shadow.glsl";
+import solidFragment from "./shaders/solid.frag.glsl";
+import solidVertex from "./shaders/solid.vert.glsl";
 
-const VERTEX = `#version 300 es
-uniform mat4 project, turn;
-uniform float flat_at;   // height of the floor where the shadow is drawn, or a huge number for the surface itself
-uniform vec3 lamp;
-in vec3 position, normal;
-in float tint;
-out vec3 world_normal, world_position;
-out float mixed;
-void main() {
-  vec4 world = turn * vec4(position, 1.0);
-  if (flat_at < 1e20) world.xyz -= lamp * (world.y - flat_at) / lamp.y;
-  world_normal = mat3(turn) * normal;
-  world_position = world.xyz;
-  mixed = tint;
-  gl_Position = project * world;
-}`;
-const FRAGMENT = `#version 300 es
-precision highp float;
-uniform vec3 eye, lamp, stops[4]; // stops: the colours of tints 0, 1/3, 2/3, 1
-uniform vec4 shade;      // the shadow's colour, or alpha 0 for the surface itself
-in vec3 world_normal, world_position;
-in float mixed;
-out vec4 colour;
-void main() {
-  if (shade.a > 0.0) { colour = vec4(shade.rgb * shade.a, shade.a); return; }
-  vec3 n = normalize(world_normal), towards = normalize(eye - world_position);
-  if (dot(n, towards) < 0.0) n = -n;
-  float sky = 0.5 + 0.5 * n.y, key = max(dot(n, lamp), 0.0);
-  float gleam = pow(max(dot(n, normalize(lamp + towards)), 0.0), 42.0) * 0.22;
-  float rim = pow(1.0 - max(dot(n, towards), 0.0), 3.0) * 0.16;
-  float at = 3.0 * clamp(mixed, 0.0, 1.0);
-  vec3 base = mix(mix(stops[0], stops[1], min(at, 1.0)), mix(stops[2], stops[3], max(at - 2.0, 0.0)), clamp(at - 1.0, 0.0, 1.0));
-  colour = vec4(base * (0.42 + 0.24 * sky + 0.56 * key) + gleam + rim * sky, 1.0);
-}`;
 const LAMP = normalised([-0.3, 0.72, 0.62]);
+const DECODED = "#define DECODED\n";
+
+/** One surface on the graphics card. What it looks like may be changed at any time; `changed` says that it has moved. */
+export class Body {
+  /** pinned: 0 or 1 for every vertex of the surface, or null; decoder: a GpuDecoder of this surface, or null. */
+  constructor(gl, surface, pinned = null, decoder = null) {
+    Object.assign(this, { gl, surface, decoder, offset: [0, 0, 0], colour: [0.5, 0.5, 0.5], ramp: 0 });
+    Object.assign(this, { opacity: 1, wire: false, displacements: 0, points: null, changed: true });
+    const { copies, corners } = surface, edges = surface.edges();
+    this.array = gl.createVertexArray();
+    gl.bindVertexArray(this.array);
+    if (!decoder) {
+      this.positions = attribute(gl, 0, 3, surface.drawn);
+      this.normals = attribute(gl, 1, 3, surface.normals);
+    }
+    this.tints = attribute(gl, 2, 1, surface.drawnTints);
+    if (pinned) attribute(gl, 3, 1, Float32Array.from(copies, (v) => pinned[v]));
+    attribute(gl, 4, 1, Float32Array.from(copies));
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from([...corners, ...edges]), gl.STATIC_DRAW);
+    this.counts = { triangles: corners.length, edges: edges.length };
+  }
+
+  upload() {
+    const { gl, surface } = this;
+    if (!this.changed) return;
+    if (!this.decoder) {
+      update(gl, this.positions, surface.drawn);
+      update(gl, this.normals, surface.normals);
+    }
+    update(gl, this.tints, surface.drawnTints);
+    this.changed = false;
+  }
+
+  draw(programs, values) {
+    const { gl, decoder, counts } = this;
+    gl.bindVertexArray(this.array);
+    const decoded = decoder && { decodedPositions: decoder.positions.texture, decodedNormals: decoder.normals.texture };
+    const { offset, ramp, opacity, displacements, colour: base } = this;
+    programs[decoder ? 1 : 0].use({ ...values, ...decoded, offset, ramp, opacity, displacements, base });
+    if (this.wire) gl.drawElements(gl.LINES, counts.edges, gl.UNSIGNED_INT, 4 * counts.triangles);
+    else gl.drawElements(gl.TRIANGLES, counts.triangles, gl.UNSIGNED_INT, 0);
+  }
+
+  /** Balls at `positions` (3p), drawn while `points` is set. */
+  drawPoints(program, values) {
+    const { gl, points, offset } = this;
+    this.pointArray ??= gl.createVertexArray();
+    gl.bindVertexArray(this.pointArray);
+    this.pointBuffer ??= attribute(gl, 0, 3, points);
+    update(gl, this.pointBuffer, points);
+    program.use({ ...values, offset });
+    gl.drawArrays(gl.POINTS, 0, points.length / 3);
+  }
+
+  dispose() {
+    this.gl.deleteVertexArray(this.array);
+  }
+}
 
 export class View {
-  /** up: the rotation (9, row by row) that turns the model's up to y. */
-  constructor(canvas, surface, up, azimuth, elevation) {
-    const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true, premultipliedAlpha: true });
-    if (!gl) throw new Error("This page needs WebGL 2, which this browser does not offer or has switched off.");
-    this.canvas = canvas;
-    this.gl = gl;
-    this.surface = surface;
-    this.up = up;
-    this.frameSurface(azimuth, elevation);
-    this.program = this.link();
-    const at = (name) => gl.getUniformLocation(this.program, name);
-    this.uniforms = Object.fromEntries(
-      ["project", "turn", "flat_at", "lamp", "eye", "stops", "shade"].map((name) => [name, at(name)]),
-    );
-    this.positions = this.attribute("position", 3, surface.drawn, gl.DYNAMIC_DRAW);
-    this.normals = this.attribute("normal", 3, surface.normals, gl.DYNAMIC_DRAW);
-    this.tints = this.attribute("tint", 1, surface.drawnTints, gl.DYNAMIC_DRAW);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, surface.corners, gl.STATIC_DRAW);
-  }
-
-  /** Sets the camera so that the surface at rest, with room to swing, fills the picture. */
-  frameSurface(azimuth, elevation) {
-    const low = [Infinity, Infinity, Infinity], high = low.map((x) => -x);
-    const { rest } = this.surface;
-    for (let v = 0; v < rest.length; v += 3) {
-      const x = this.toWorld(rest.subarray(v, v + 3));
-      for (let i = 0; i < 3; i++) {
-        low[i] = Math.min(low[i], x[i]);
-        high[i] = Math.max(high[i], x[i]);
-      }
-    }
-    const diagonal = Math.hypot(...high.map((x, i) => x - low[i]));
-    this.frameBox([low[0], low[1] - 0.22 * diagonal, low[2]], [high[0], high[1] + 0.08 * diagonal, high[2]], diagonal);
-    this.home = { ...this.home, azimuth, elevation };
-    this.reset();
-  }
-
-  /** Sets the camera so that the box between two corners fills the picture, with the floor at its foot. */
-  frameBox(low, high, diagonal = 0.66 * Math.hypot(...high.map((x, i) => x - low[i]))) {
-    this.diagonal = diagonal;
-    this.home = { ...this.home, zoom: 1, centre: low.map((x, i) => (x + high[i]) / 2) };
-    this.floor = low[1];
-    this.reset();
-  }
-
-  reset() {
-    Object.assign(this, this.home, { centre: [...this.home.centre] });
-  }
-
-  toWorld(x) {
-    const R = this.up;
-    return [0, 3, 6].map((i) => R[i] * x[0] + R[i + 1] * x[1] + R[i + 2] * x[2]);
-  }
-
-  toModel(x) {
-    const R = this.up;
-    return [0, 1, 2].map((i) => R[i] * x[0] + R[i + 3] * x[1] + R[i + 6] * x[2]);
-  }
-
-  link() {
-    const gl = this.gl, program = gl.createProgram();
-    for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
-      const shader = gl.createShader(type);
-      gl.shaderSource(shader, text);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) || "shader");
-    gl.useProgram(program);
-    return program;
-  }
-
-  attribute(name, size, values, usage) {
-    const gl = this.gl, buffer = gl.createBuffer(), place = gl.getAttribLocation(this.program, name);
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, values, usage);
-    gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
-    return buffer;
-  }
-
-  /** The camera's axes right, up and out of the screen, its eye, and the tangents of half the field of view. */
-  camera() {
-    const a = (this.azimuth * Math.PI) / 180, e = (this.elevation * Math.PI) / 180;
-    const out = [Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e)];
-    const right = [Math.cos(a), 0, -Math.sin(a)], up = cross(out, right);
-    const { width, height } = this.box;
-    const narrow = 0.3, aspect = width / Math.max(height, 1);
-    const half = { x: aspect < 1 ? narrow : narrow * aspect, y: aspect < 1 ? narrow / aspect : narrow };
-    const distance = (0.56 * this.diagonal) / narrow / this.zoom;
-    const eye = this.centre.map((x, i) => x + distance * out[i]);
-    return { right, up, out, eye, half, distance };
-  }
-
-  projection({ right, up, out, eye, half, distance }) {
-    const near = distance * 0.02, far = distance + 12 * this.diagonal;
-    const c = -(far + near) / (far - near), d = (-2 * far * near) / (far - near);
-    const rows = [
-      [...right.map((x) => x / half.x), -dot(right, eye) / half.x],
-      [...up.map((x) => x / half.y), -dot(up, eye) / half.y],
-      [...out.map((x) => x * c), -dot(out, eye) * c + d],
-      [...out.map((x) => -x), dot(out, eye)],
-    ];
-    return new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
-  }
-
-  /** The part of the canvas that is drawn to, CSS pixels from its lower left corner. */
-  get box() {
-    return this.part ?? { left: 0, bottom: 0, width: this.canvas.clientWidth, height: this.canvas.clientHeight };
-  }
-
-  /** Draws the surface as last refreshed onto the whole canvas; stops and shadow as in the shaders. */
-  draw(colours) {
-    this.part = null;
-    this.clear();
-    this.drawPart(colours);
-  }
-
-  clear() {
-    const { gl, canvas } = this;
-    const width = Math.round(canvas.clientWidth * this.dots), height = Math.round(canvas.clientHeight * this.dots);
-    if (canvas.width !== width || canvas.height !== height) {
-      canvas.width = width;
-      canvas.height = height;
-    }
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+  /** quality: "plain" draws fewer pixels and coarser shadows; left out, a renderer on the CPU does. */
+  constructor(camera, quality) {
+    const { canvas } = camera, gl = canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: true });
+    if (!gl) throw new Error("This browser has no WebGL 2; try another, or turn on hardware acceleration.");
+    Object.assign(this, { camera, canvas, gl, software: isSoftware(gl), floor: 0 });
+    this.plain = quality === "plain" || (quality !== "fine" && this.software);
+    const both = (fragment) => ["", DECODED].map((define) => new Program(gl, define + solidVertex, fragment));
+    this.solids = both(shadowShader + solidFragment);
+    this.depths = both(depthShader);
+    this.ground = new Program(gl, floorVertex, shadowShader + floorFragment);
+    this.balls = new Program(gl, pointVertex, pointFragment);
+    this.shadowSize = this.plain ? 512 : 2048;
+    this.shadows = texture(gl, gl.DEPTH_COMPONENT24, this.shadowSize, this.shadowSize);
+    this.shadowFrame = target(gl, gl.DEPTH_ATTACHMENT, this.shadows);
   }
 
   /** Device pixels in a CSS pixel. */
   get dots() {
-    return Math.min(window.devicePixelRatio || 1, 2);
+    return this.plain ? 1 : Math.min(window.devicePixelRatio || 1, 2);
   }
 
-  /** Draws the surface as last refreshed into `box`. */
-  drawPart(colours) {
-    const { gl, surface, uniforms, dots, box } = this;
+  /** An empty canvas, as large as it is on the page. */
+  clear() {
+    const { gl, canvas, dots } = this;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((x) => Math.round(x * dots));
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+  }
+
+  /** Draws bodies into the camera's part of the canvas; colours: { stops, shade, grid }, the last two with opacity. */
+  draw(bodies, { stops, shade, grid }) {
+    const { gl, camera, dots } = this, { centre } = camera.home, { eye, half } = camera.view(), box = camera.box;
+    const reach = 0.75 * camera.diagonal + camera.span, turn = camera.turn;
+    const light = lampProjection(LAMP, centre, reach);
+    for (const body of bodies) body.upload();
+    this.drawShadows(bodies, { project: light, turn });
     gl.viewport(...[box.left, box.bottom, box.width, box.height].map((x) => Math.round(x * dots)));
-    const changed = [[this.positions, surface.drawn], [this.normals, surface.normals], [this.tints, surface.drawnTints]];
-    for (const [buffer, values] of changed) {
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferSubData(gl.ARRAY_BUFFER, 0, values);
-    }
-    const camera = this.camera(), R = this.up;
-    gl.uniformMatrix4fv(uniforms.project, false, this.projection(camera));
-    gl.uniformMatrix4fv(uniforms.turn, false, [R[0], R[3], R[6], 0, R[1], R[4], R[7], 0, R[2], R[5], R[8], 0, 0, 0, 0, 1]);
-    gl.uniform3fv(uniforms.lamp, LAMP);
-    gl.uniform3fv(uniforms.eye, camera.eye);
-    gl.uniform3fv(uniforms.stops, colours.stops.flat());
-    this.drawShadow(colours.shadow);
-    gl.uniform1f(uniforms.flat_at, 1e30);
-    gl.uniform4fv(uniforms.shade, [0, 0, 0, 0]);
-    gl.enable(gl.DEPTH_TEST);
-    gl.drawElements(gl.TRIANGLES, surface.corners.length, gl.UNSIGNED_INT, 0);
-  }
-
-  /** The surface flattened along the lamp's rays onto the floor, every pixel once. */
-  drawShadow(colour) {
-    const { gl, uniforms } = this;
-    gl.disable(gl.DEPTH_TEST);
+    const project = camera.projection(), lit = { project, turn, light, shadows: this.shadows };
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.enable(gl.STENCIL_TEST);
-    gl.stencilFunc(gl.EQUAL, 0, 255);
-    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-    gl.uniform1f(uniforms.flat_at, this.floor);
-    gl.uniform4fv(uniforms.shade, colour);
-    gl.drawElements(gl.TRIANGLES, this.surface.corners.length, gl.UNSIGNED_INT, 0);
-    gl.disable(gl.STENCIL_TEST);
+    gl.disable(gl.DEPTH_TEST);
+    gl.bindVertexArray(null);
+    const cell = 10 ** Math.floor(Math.log10(camera.diagonal / 3)), middle = [centre[0], this.floor, centre[2]];
+    this.ground.use({ ...lit, shade, grid, cell, middle, reach: 5 * (camera.diagonal + camera.span) });
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.enable(gl.DEPTH_TEST);
+    const values = { ...lit, lamp: LAMP, eye, stops: stops.flat(), bias: 0.012 * camera.diagonal };
+    for (const body of bodies) if (body.opacity === 1) body.draw(this.solids, values);
+    const size = (0.022 * camera.diagonal * box.height * dots) / (2 * half.y);
+    for (const body of bodies) if (body.points) body.drawPoints(this.balls, { project, turn, size, base: stops[2] });
+    gl.depthMask(false); // what is seen through hides nothing
+    for (const body of bodies) if (body.opacity < 1) body.draw(this.solids, values);
+    gl.depthMask(true);
+  }
+
+  drawShadows(bodies, values) {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadowFrame);
+    gl.viewport(0, 0, this.shadowSize, this.shadowSize);
     gl.disable(gl.BLEND);
-  }
-
-  /** The ray through a point of the part that is drawn to, CSS pixels, in the model's coordinates. */
-  ray(x, y) {
-    const { right, up, out, eye, half } = this.camera();
-    const { width, height } = this.box, sx = ((2 * x) / width - 1) * half.x, sy = (1 - (2 * y) / height) * half.y;
-    const direction = normalised([0, 1, 2].map((i) => right[i] * sx + up[i] * sy - out[i]));
-    return { origin: this.toModel(eye), direction: this.toModel(direction), out: this.toModel(out) };
-  }
-
-  /** Where a point of the model is on that part, CSS pixels. */
-  toScreen(point) {
-    const { right, up, out, eye, half } = this.camera(), from = this.toWorld(point).map((x, i) => x - eye[i]);
-    const depth = -dot(out, from);
-    const x = dot(right, from) / depth / half.x, y = dot(up, from) / depth / half.y;
-    return [((x + 1) / 2) * this.box.width, ((1 - y) / 2) * this.box.height];
-  }
-
-  orbit(dx, dy) {
-    this.azimuth -= dx * 0.4;
-    this.elevation = Math.min(89, Math.max(-89, this.elevation + dy * 0.4));
-  }
-
-  pan(dx, dy) {
-    const { right, up, half, distance } = this.camera(), scale = (2 * half.y * distance) / this.box.height;
-    for (let i = 0; i < 3; i++) this.centre[i] += scale * (up[i] * dy - right[i] * dx);
-  }
-
-  zoomBy(factor) {
-    this.zoom = Math.min(20, Math.max(0.2, this.zoom * factor));
+    gl.enable(gl.DEPTH_TEST);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.POLYGON_OFFSET_FILL);
+    gl.polygonOffset(1, 2);
+    for (const body of bodies) body.draw(this.depths, values);
+    gl.disable(gl.POLYGON_OFFSET_FILL);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 }

@@ -1,23 +1,8 @@
 // The link to the server: blocks by HTTP, frames and messages by a socket that comes back when it is lost.
 
-const ARRAYS = { float32: Float32Array, uint32: Uint32Array };
-const RETRY = 1000;
+import { fetchBlock } from "./arrays.js";
 
-/** A block: its header with every array under its name. */
-export async function fetchBlock(name) {
-  const response = await fetch(name, { cache: 'no-store' });
-  if (!response.ok) throw new Error(`${name}: ${response.status}`);
-  const buffer = await response.arrayBuffer();
-  const length = new DataView(buffer).getUint32(0, true);
-  const block = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  let offset = 4 + length;
-  for (const { name, type, shape } of block.arrays) {
-    const count = shape.reduce((a, b) => a * b, 1);
-    block[name] = new ARRAYS[type](buffer, offset, count);
-    offset += 4 * count;
-  }
-  return block;
-}
+const RETRY = 1000;
 
 /** The frame in a binary message. */
 function readFrame(buffer) {
@@ -42,7 +27,7 @@ function readFrame(buffer) {
       evaluations: view.getFloat32(at + 12, true),
       outcome: view.getUint32(at + 16, true),
       troubled: view.getUint32(at + 20, true),
-      distrust: view.getFloat32(at + 24, true),
+      novelty: view.getFloat32(at + 24, true),
       q: new Float32Array(buffer, at + 28, count),
     });
     at += 28 + 4 * count;
@@ -67,18 +52,26 @@ function readColours(buffer) {
 }
 
 export class Link {
-  /** handlers: frame, colours, status, notice, lost, found. */
-  constructor(handlers) {
-    this.handlers = handlers;
-    this.lost = false;
-    this.connect();
+  solid() {
+    return fetchBlock("solid");
   }
 
-  connect() {
-    const url = new URL('socket', location.href);
-    url.protocol = 'ws:';
+  space(name) {
+    return fetchBlock(`space/${name}`);
+  }
+
+  /** handlers: frame, colours, status, notice, lost, found. */
+  connect(handlers) {
+    this.handlers = handlers;
+    this.lost = false;
+    this.open();
+  }
+
+  open() {
+    const url = new URL("socket", location.href);
+    url.protocol = "ws:";
     this.socket = new WebSocket(url);
-    this.socket.binaryType = 'arraybuffer';
+    this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => {
       if (this.lost) this.handlers.found();
       this.lost = false;
@@ -87,12 +80,12 @@ export class Link {
     this.socket.onclose = () => {
       if (!this.lost) this.handlers.lost();
       this.lost = true;
-      setTimeout(() => this.connect(), RETRY);
+      setTimeout(() => this.open(), RETRY);
     };
   }
 
   receive(data) {
-    if (typeof data === 'string') {
+    if (typeof data === "string") {
       const message = JSON.parse(data);
       this.handlers[message.kind](message);
     } else if (new Uint8Array(data, 0, 1)[0] === 1) this.handlers.frame(readFrame(data));

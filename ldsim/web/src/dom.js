@@ -1,0 +1,44 @@
+// Elements, numbers as text, and the colours of the palette.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+export const byId = (id) => document.getElementById(id);
+
+function filled(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  element.append(...children);
+  return element;
+}
+
+/** An element with attributes and children, nodes or text. */
+export const make = (tag, attributes = {}, ...children) => filled(document.createElement(tag), attributes, children);
+
+/** The same of SVG. */
+export const draw = (tag, attributes = {}) => filled(document.createElementNS(SVG, tag), attributes, []);
+
+/** A line with a ball at its end, between two places on the page: what pulls and where to. */
+export function pull([x1, y1], [x2, y2], radius) {
+  return [draw("line", { x1, y1, x2, y2 }), draw("circle", { cx: x2, cy: y2, r: radius })];
+}
+
+/** A number with so many significant digits and no zeros behind. */
+export const digits = (value, count = 3) => String(Number(value.toPrecision(count)));
+
+/** A number with so many places, a dash where there is none. */
+export const fixed = (value, places) => (Number.isFinite(value) ? value.toFixed(places) : "–");
+
+/** A colour of the palette (pages/palette.css), "latent" for --latent: red, green and blue from 0 to 1. */
+export function colour(name, element = document.documentElement) {
+  const hex = getComputedStyle(element).getPropertyValue(`--${name}`).trim();
+  return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+}
+
+/** The four colours of the scale, from little to much. */
+export const scale = () => [0, 1, 2, 3].map((i) => colour(`scale-${i}`));
+
+/** The scale as the background of an element. */
+export const gradient = () => `linear-gradient(90deg, ${[0, 1, 2, 3].map((i) => `var(--scale-${i})`)})`;
+
+export function onThemeChange(action) {
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", action);
+}

@@ -1,0 +1,140 @@
+// The controls and the numbers beside the picture.
+
+import { byId, fixed, gradient, make } from "./dom.js";
+
+const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
+const OUTCOMES = ["", "stopped early", "slowed", "held"];
+const KEYS = { " ": "pause", ".": "step", r: "reset" };
+const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
+
+export class Panel {
+  /** axes: along which gravity is tilted; send: to what steps; local: what the page itself does, by name. */
+  constructor(solid, axes, send, local) {
+    Object.assign(this, { solid, axes, send, tilt: [0, 0] });
+    document.title = `${solid.title} · ldsim`;
+    byId("title").textContent = solid.title;
+    byId("subtitle").textContent = solid.subtitle;
+    byId("ramp").style.background = gradient();
+    byId("pause").onclick = () => send("pause", { value: !this.status.paused });
+    byId("step").onclick = () => send("step");
+    byId("reset").onclick = () => send("reset");
+    byId("speed").onchange = () => send("speed", { value: Number(byId("speed").value) });
+    byId("stiffness").oninput = () => send("stiffness", { value: 10 ** Number(byId("stiffness").value) });
+    byId("gravity").onchange = () => this.sendGravity();
+    byId("colour").onchange = () => {
+      local.colour(byId("colour").value);
+      send("colour", { value: byId("colour").value });
+    };
+    byId("points").onchange = () => local.points(byId("points").checked);
+    byId("wireframe").onchange = () => local.wireframe(byId("wireframe").checked);
+    byId("theme").onclick = () => local.theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    byId("fold").onclick = () => document.body.classList.toggle("folded");
+    byId("record").onclick = () => send("record", { value: !this.status.recorder.recording });
+    byId("replay").onclick = () => send("replay", { value: !this.status.recorder.replaying });
+    // What only a server computes is not offered where the page steps by itself.
+    if (solid.mode === "local") for (const element of document.querySelectorAll("[data-served]")) element.remove();
+    this.makeTilt();
+    addEventListener("keydown", (event) => this.key(event));
+  }
+
+  key(event) {
+    const press = KEYS[event.key];
+    if (!press || event.ctrlKey || event.metaKey || event.target.closest?.("button, select, input")) return;
+    event.preventDefault();
+    byId(press).click();
+  }
+
+  /** A pad on which the direction of gravity is dragged; a double click sets it upright. */
+  makeTilt() {
+    const pad = byId("tilt");
+    const set = (event) => {
+      const { left, top, width, height } = pad.getBoundingClientRect();
+      this.setTilt((2 * (event.clientX - left)) / width - 1, (2 * (event.clientY - top)) / height - 1);
+    };
+    pad.onpointerdown = (event) => {
+      pad.setPointerCapture(event.pointerId);
+      set(event);
+    };
+    pad.onpointermove = (event) => event.buttons && set(event);
+    pad.ondblclick = () => this.setTilt(0, 0);
+    pad.onkeydown = ({ key }) => TILTS[key] && this.setTilt(this.tilt[0] + TILTS[key][0], this.tilt[1] + TILTS[key][1]);
+  }
+
+  setTilt(x, y) {
+    const length = Math.max(1, Math.hypot(x, y));
+    this.tilt = [x / length, y / length];
+    byId("needle").style.transform = `translate(${50 * this.tilt[0]}%, ${50 * this.tilt[1]}%)`;
+    byId("gravity").checked = true;
+    this.sendGravity();
+  }
+
+  sendGravity() {
+    const { up, right, toward } = this.axes, [x, y] = this.tilt, away = Math.hypot(x, y);
+    const down = Math.cos((away * Math.PI) / 2), aside = away > 0 ? Math.sin((away * Math.PI) / 2) / away : 0;
+    const size = byId("gravity").checked ? Math.hypot(...this.solid.gravity) || 9.81 : 0;
+    this.send("gravity", { value: up.map((u, i) => size * (-down * u + aside * (x * right[i] + y * toward[i]))) });
+  }
+
+  show(status) {
+    this.status = status;
+    byId("pause").textContent = status.paused ? "▶" : "❚❚";
+    byId("pause").title = status.paused ? "Go on (space)" : "Pause (space)";
+    byId("speed").value = String(status.speed);
+    byId("stiffness").value = String(Math.log10(status.stiffness));
+    byId("stiffness-value").textContent = `× ${status.stiffness.toFixed(status.stiffness < 1 ? 2 : 1)}`;
+    byId("gravity").checked = status.gravity.some((x) => x !== 0);
+    byId("colour").value = status.colour;
+    this.showSpaces(status);
+    byId("recorder").hidden = status.recorder === null;
+    document.body.classList.toggle("recording", Boolean(status.recorder?.recording));
+    if (!status.recorder) return;
+    const { recording, replaying, frames, file } = status.recorder;
+    byId("record").textContent = recording ? "■ Stop" : "● Record";
+    byId("replay").textContent = replaying ? "■ Stop" : "▶ Play back";
+    byId("replay").disabled = recording || frames === 0;
+    byId("file").textContent = frames ? `${file} · ${frames} frames` : file;
+  }
+
+  showSpaces({ offered, spaces }) {
+    byId("spaces").hidden = offered.length < 2;
+    const buttons = offered.map((name) => {
+      const button = make("button", { class: `space ${name}`, "aria-pressed": spaces.includes(name) }, NAMES[name]);
+      button.onclick = () => {
+        const next = offered.filter((other) => (other === name) !== this.status.spaces.includes(other));
+        if (!next.length) return;
+        this.status.spaces = next; // the next click may come before the server's word
+        this.send("spaces", { value: next });
+      };
+      return button;
+    });
+    byId("spaces").replaceChildren(...buttons);
+  }
+
+  /** Numbers of a frame; twice a second. */
+  statistics(frame, spaces, pictures) {
+    const { seconds, bytes, share } = frame;
+    const cost = bytes ? `${bytes} B a frame` : `${Math.round(100 * share)} % of real time`;
+    byId("fps").textContent = `${fixed(pictures, 0)} pictures/s · ${fixed(seconds, 1)} s simulated · ${cost}`;
+    const rows = frame.spaces.map(({ milliseconds, iterations, evaluations, outcome, troubled, novelty }, i) => {
+      const time = frame.paused && !milliseconds ? "–" : `${fixed(milliseconds, milliseconds < 1 ? 3 : 1)} ms`;
+      const state = OUTCOMES[outcome] || (novelty > 1 ? "unfamiliar" : troubled ? `${troubled} not solved` : "fine");
+      const cells = [time, fixed(iterations, 1), fixed(evaluations, 1), state].map((text) => make("td", {}, text));
+      const name = `${spaces[i]} ${outcome > 1 || novelty > 1 ? "alarming" : ""}`;
+      return make("tr", { class: name }, make("th", {}, NAMES[spaces[i]]), ...cells);
+    });
+    byId("statistics").replaceChildren(...rows);
+  }
+
+  /** The ends of the colour scale, or null for none. */
+  legend(ends) {
+    byId("legend").hidden = ends === null;
+    if (ends !== null) [byId("low").textContent, byId("high").textContent] = ends;
+  }
+
+  notice(text, sticky = false) {
+    clearTimeout(this.clearing);
+    byId("notice").textContent = text;
+    byId("notice").hidden = text === "";
+    if (!sticky) this.clearing = setTimeout(() => (byId("notice").hidden = true), 6000);
+  }
+}
