@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,10 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash, read_header, reading
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
@@ -26,6 +31,7 @@ from ldsim.options import Options
 from ldsim.space.basis import Basis
 from ldsim.space.lifting import Lifting
 from ldsim.space.pca import Pca
+from ldsim.space.space import Space
 
 REDUCED = ("linear", "latent")
 SPACES = ("full", *REDUCED)
@@ -135,6 +141,7 @@ class Run:
         """The full-space runs of all motions, open for reading until the run is closed."""
         if self._snapshots is None:
             self._snapshots = Snapshots(self.path("snapshots"))
+            self.require("snapshots", "scene")
         return self._snapshots
 
     def recorded(self, motion: str) -> Recorded:
@@ -175,6 +182,40 @@ class Run:
     def lifting(self) -> Lifting:
         """Of every pin that moves in one of the motions."""
         return Lifting.of(self.scene, [self.recorded(name).motion for name in self.snapshots.names])
+
+    def space(self, name: str, points: int | None = None) -> Space:
+        """A space with the cubature rule that was chosen for it.
+
+        Args:
+            name: "full", "linear" or "latent".
+            points: take the largest rule of at most so many points of the mesh instead.
+
+        Raises:
+            ArtefactError: there is no such space, or what it needs is missing or stale.
+        """
+        if name not in SPACES:
+            raise ArtefactError(f"space is {name!r}; known are {', '.join(SPACES)}")
+        if name == "full":
+            return Space.full(self.scene)
+        stored, model = self.cubature[name], self.model
+        rule = stored.stepped if points is None else stored.at_most(points)
+        if name == "linear":
+            space = Space.linear(self.scene, self.basis, model.kp, rule)
+        else:
+            networks = (model.decoder, model.encoder)
+            space = replace(Space.latent(self.scene, self.basis, networks, rule), novelty=model.novelty)
+        return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
+
+    def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:
+        """What steps in a space, given itself or by its name.
+
+        Args:
+            tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; left out, the usual one of the space.
+        """
+        space = self.space(space) if isinstance(space, str) else space
+        if space.basis is None:
+            return FullStepper(space.scene, FullOptions() if tolerance is None else FullOptions(tolerance=tolerance))
+        return ReducedStepper(space, ReducedOptions(tolerance=tolerance))
 
     def _get(self, kind: str, read: Any, *inputs: str) -> Any:
         """An artefact, read once; checked to be made from the small artefacts that lie beside it."""

@@ -9,7 +9,6 @@ from dataclasses import replace
 import click
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from ldsim.artefacts.records import StoredCubature, StoredModel, read_basis, read_model, read_scene, write_cubature
 from ldsim.artefacts.snapshots import Snapshots
@@ -22,12 +21,14 @@ from ldsim.cubature.virtual import Judge, VirtualRecipe, select_virtual
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.jit import one_thread
 from ldsim.mechanics.scene import Scene
-from ldsim.pipeline.comparison import ReducedSpace, windowed_error
+from ldsim.pipeline.comparison import Reference, windowed_error
 from ldsim.settings import CubatureSettings
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.lifting import Lifting
 from ldsim.space.projection import all_coordinates
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,6 @@ def command(run: Run) -> None:
         names = snapshots.with_role("train")
         motions = [snapshots.recorded(name).motion for name in names]
         lifting = Lifting.of(scene, motions)
-        metric = stored.basis.metric
         q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), stored.basis)
         read, recorded = snapshots.frame_reader(names), len(q)
         if model.rehearsed is not None:
@@ -66,7 +66,7 @@ def command(run: Run) -> None:
 
         fitted, kept_back = split_poses(len(q), settings.poses, settings.heldout_poses, settings.seed)
         pins = lifting.fields, np.pad(lifting.all_coordinates(motions), ((0, len(q) - recorded), (0, 0)))
-        for name, space in _pose_spaces(scene, U, model, q, true_pose, pins).items():
+        for name, space in _pose_spaces(scene, stored.basis, model, q, true_pose, pins).items():
             started = time.perf_counter()
             with one_thread(), progress_bar(None, f"cubature {name}", "set") as bar:
 
@@ -79,7 +79,7 @@ def command(run: Run) -> None:
             judge = None
             if not run.settings.snapshot.quasistatic:
                 encoder = model.encoder if name == "latent" else Encoder((), ())
-                judge = _judge(scene, metric, space, encoder, snapshots, name)
+                judge = _judge(scene, stored.basis, space, encoder, snapshots, name)
             virtual = _virtual(name, space, found, kept_back, recorded, settings, judge)
             spaces[name] = StoredCubature(
                 ladder, found.heldout_errors, len(ladder) - 1, found.perturbed_errors, virtual
@@ -147,19 +147,17 @@ def _virtual(
     return virtual
 
 
-def _judge(
-    scene: Scene, metric: csr_array, space: PoseSpace, encoder: Encoder, snapshots: Snapshots, name: str
-) -> Judge:
+def _judge(scene: Scene, basis: Basis, space: PoseSpace, encoder: Encoder, snapshots: Snapshots, name: str) -> Judge:
     """The windowed online error of a set on the training motions, one after another."""
-    U = np.ascontiguousarray(space.U[:, : space.decoder.k])
     names = snapshots.with_role("train")
 
     def judge(cubature: CubatureRule) -> float:
-        reduced = ReducedSpace(name, U, space.decoder, encoder, cubature)
+        reduced = Space(name, scene, basis.columns(space.decoder.k), space.decoder, encoder, cubature)
         errors = []
         for motion in names:
-            recorded, read = snapshots.recorded(motion), snapshots.reader(motion)
-            errors.append(windowed_error(scene, metric, reduced, recorded.motion, recorded.held, read, WINDOW))
+            recorded = snapshots.recorded(motion)
+            reference = Reference(recorded.motion, recorded.held, snapshots.reader(motion))
+            errors.append(windowed_error(reduced, reference, WINDOW))
         return float(np.average(errors, weights=[snapshots.frames(motion) for motion in names]))
 
     return judge
@@ -167,7 +165,7 @@ def _judge(
 
 def _pose_spaces(
     scene: Scene,
-    U: Array,
+    basis: Basis,
     model: StoredModel,
     q: Array,
     displacement: Callable[[int], NDArray[np.floating]],
@@ -178,8 +176,8 @@ def _pose_spaces(
     Args:
         pins: the fields of moving pins, (3n, l), and their coordinates in the poses, (N, l).
     """
-    stiffness, (L, a) = reduced_rest_stiffness(scene, U), pins
-    kp = model.kp
+    stiffness, (L, a) = reduced_rest_stiffness(scene, basis), pins
+    kp, U = model.kp, basis.matrix
     wide, narrow = np.hstack([U, L]), np.hstack([U[:, :kp], L])
     identity = Decoder.identity(kp)
     return {

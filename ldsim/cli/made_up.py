@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.artefacts.atomic import replacing
-from ldsim.mechanics.motion import usual_grip
+from ldsim.mechanics.loads import usual_grip
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
 from ldsim.settings import Settings, dump, settings_of

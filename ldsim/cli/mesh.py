@@ -13,7 +13,7 @@ from ldsim.cli.filling import Notes, filled_surface
 from ldsim.cli.regions import region
 from ldsim.cli.stage import Run, stage_command
 from ldsim.errors import SettingsError
-from ldsim.mechanics.loads import body_force, pressure_force, surface_force
+from ldsim.mechanics.dead_loads import body_force, pressure_force, surface_force
 from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Change, Properties
 from ldsim.mechanics.quadrature import quadrature

@@ -13,7 +13,7 @@ from ldsim.cli.mesh import described_scene
 from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
 from ldsim.cli.stage import Run
 from ldsim.errors import SettingsError
-from ldsim.mechanics.motion import usual_grip
+from ldsim.mechanics.loads import usual_grip
 from ldsim.mechanics.recording import read_recording
 from ldsim.settings import MeshSettings, load_settings
 from ldsim.viewer.playground import record_server

@@ -12,16 +12,16 @@ from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.cli.stage import Run, progress_bar, stage_command
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.optimise.solution import Reason
-from ldsim.pipeline.comparison import Options, ReducedSpace, compare_motion
-from ldsim.space.decoder import Decoder
-from ldsim.space.encoder import Encoder
+from ldsim.pipeline.comparison import Reference, compare_motion
 from ldsim.space.novelty import Novelty
+from ldsim.space.space import Space
 
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
@@ -32,23 +32,15 @@ def command(run: Run) -> None:
     model, _ = read_model(run.path("model"))
     cubature, header = read_cubature(run.path("cubature"))
     run.check("cubature", header, "scene", "snapshots", "basis", "model")
-    U = stored.basis.matrix
     changed = settings.material is not None
     if settings.material is not None:
         scene = with_properties(scene, properties_of(scene).changed(Change(**settings.material.model_dump())))
-    metric = stored.basis.metric
-    narrow = np.ascontiguousarray(U[:, : model.kp])
+    networks = (model.decoder, model.encoder)
     spaces = [
-        ReducedSpace(
-            "linear",
-            narrow,
-            Decoder.identity(model.kp),
-            Encoder((), ()),
-            _set(cubature["linear"], settings.linear_points, changed),
-        ),
-        ReducedSpace("latent", U, model.decoder, model.encoder, _set(cubature["latent"], settings.points, changed)),
+        Space.linear(scene, stored.basis, model.kp, _rule(cubature["linear"], settings.linear_points, changed)),
+        Space.latent(scene, stored.basis, networks, _rule(cubature["latent"], settings.points, changed)),
     ]
-    options = Options(settings.tolerance, settings.max_iterations, settings.full_frames, settings.window)
+    options = ReducedOptions(tolerance=settings.tolerance, max_iterations=settings.max_iterations)
     runs: dict[str, dict[str, Trajectory]] = {"full": {}, "linear": {}, "latent": {}}
     minimisers: dict[str, str] = {}
     with Snapshots(run.path("snapshots")) as snapshots, one_thread():
@@ -60,9 +52,10 @@ def command(run: Run) -> None:
                     f"{name} (the first step compiles the kernels, about a minute)" if bar.n == 0 else name
                 )
                 recorded = snapshots.recorded(name)
-                judge = None if changed else snapshots.reader(name)
+                frames = None if changed else snapshots.reader(name)
+                reference = Reference(recorded.motion, recorded.held, frames)
                 for space, trajectory, minimiser in compare_motion(
-                    scene, metric, spaces, recorded.motion, recorded.held, judge, options, bar.update
+                    spaces, reference, options, settings.full_frames, settings.window, bar.update
                 ):
                     runs[space][name] = _with_novelty(trajectory, model.novelty)
                     minimisers[f"{space}_minimiser"] = minimiser
@@ -77,7 +70,7 @@ def command(run: Run) -> None:
     _warn_of_novelty(runs, model.novelty)
 
 
-def _set(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
+def _rule(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
     """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
     if points is not None:
         return stored.at_most(points)

@@ -25,6 +25,7 @@ from ldsim.learn.search import search
 from ldsim.mechanics.pulls import surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.settings import TrainSettings
+from ldsim.space.basis import Basis
 from ldsim.space.lifting import Lifting
 from ldsim.space.novelty import fit_novelty
 from ldsim.space.pca import Chunks
@@ -54,7 +55,7 @@ def command(run: Run) -> None:
             return reconstruction_error(chunks(role), basis, trained.encoder, trained.decoder)
 
         q, unseen = (all_coordinates(chunks(role), basis) for role in ("train", "heldout"))
-        rehearsed = _rehearsed(scene, U, q, settings, partial)
+        rehearsed = _rehearsed(scene, basis, q, settings, partial)
         with progress_bar(None, "train", "epoch") as bar:
             forces = None
             if settings.equilibrium:
@@ -90,12 +91,12 @@ def command(run: Run) -> None:
 
 
 def _rehearsed(
-    scene: Scene, U: NDArray[np.float64], q: NDArray[np.float64], settings: TrainSettings, folder: Path
+    scene: Scene, basis: Basis, q: NDArray[np.float64], settings: TrainSettings, folder: Path
 ) -> NDArray[np.float64]:
     """Coordinates of the rehearsed pulls, (f, k) in what float32 holds; kept until the model is written."""
     if settings.rehearsal is None:
-        return np.empty((0, U.shape[1]))
-    digest = hashlib.sha256(q.tobytes() + U.tobytes() + repr(settings.rehearsal).encode())
+        return np.empty((0, basis.k))
+    digest = hashlib.sha256(q.tobytes() + basis.matrix.tobytes() + repr(settings.rehearsal).encode())
     store = TrainingStore(folder, "rehearsal", digest.hexdigest())
     kept = store.load()
     if kept is None:
@@ -106,10 +107,10 @@ def _rehearsed(
                 bar.set_postfix_str(f"{points} points, relative error {error:.3f}", refresh=False)
                 bar.update()
 
-            stepper = rehearsal_stepper(scene, U, q, settings.rehearsal.seed, show)
+            stepper = rehearsal_stepper(scene, basis, q, settings.rehearsal.seed, show)
         with progress_bar(motion.frames, "train: rehearsal", "frame") as bar:
             part = PULLS_TOGETHER * (settings.rehearsal.frames + settings.rehearsal.rest)
-            made = rehearse(stepper, scene, motion, bar.update, part)
+            made = rehearse(stepper, motion, bar.update, part)
         if len(made) < motion.frames:
             click.echo(f"warning: the rehearsal lost {motion.frames - len(made)} of {motion.frames} frames", err=True)
         kept = {"q": made.astype(np.float32)}

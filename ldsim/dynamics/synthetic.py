@@ -18,11 +18,15 @@ from ldsim.cubature.goal import Goal
 from ldsim.cubature.ladder import Progress
 from ldsim.cubature.metric import rest_compliance
 from ldsim.cubature.selection import split_poses
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.stepper import simulate
 from ldsim.jit import in_threads
-from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
@@ -32,27 +36,28 @@ ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
 TOLERANCE = 1e-4
 
 
-def rehearsal_stepper(scene: Scene, U: Array, q: Array, seed: int, progress: Progress | None = None) -> ReducedStepper:
-    """What steps a scene in the linear space of U, (3n, k), with a cubature fitted to snapshots q, (N, k).
+def rehearsal_stepper(
+    scene: Scene, basis: Basis, q: Array, seed: int, progress: Progress | None = None
+) -> ReducedStepper:
+    """What steps a scene in the linear space of a whole basis, with a cubature fitted to snapshots q, (N, k).
 
     Args:
         seed: of the choice of snapshots.
         progress: told the points and the relative error of each set of the fit.
     """
-    linear = Decoder.identity(U.shape[1])
+    linear = Decoder.identity(basis.k)
     poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
-    metric = rest_compliance(reduced_rest_stiffness(scene, U), linear, q[:1])
+    metric = rest_compliance(reduced_rest_stiffness(scene, basis), linear, q[:1])
     found = fit(
-        ProjectedForces(scene, U, linear, q[poses], metric=metric, threads=0),
+        ProjectedForces(scene, basis.matrix, linear, q[poses], metric=metric, threads=0),
         Goal(ERROR, MAX_POINTS),
         progress=progress,
     ).best
-    return ReducedStepper(scene, U, linear, found, tolerance=TOLERANCE)
+    return ReducedStepper(Space.linear(scene, basis, basis.k, found), ReducedOptions(tolerance=TOLERANCE))
 
 
 def rehearse(
     stepper: ReducedStepper,
-    scene: Scene,
     motion: Motion,
     progress: Callable[[], object],
     part: int | None = None,
@@ -68,27 +73,16 @@ def rehearse(
     """
     lock = Lock()
 
-    def tell() -> None:
-        with lock:
-            progress()
+    def run(frames: range) -> Array:
+        q = []
+        for frame in simulate(stepper, motion, frames=frames):
+            if frame.lost:
+                break
+            q.append(frame.state.q)
+            with lock:
+                progress()
+        return np.array(q).reshape(-1, stepper.space.decoder.k)
 
     length = part or motion.frames
     parts = [range(start, min(start + length, motion.frames)) for start in range(0, motion.frames, length)]
-    found = in_threads(lambda frames: _run(stepper.twin(), scene, motion, frames, tell), parts, threads)
-    return np.concatenate([np.empty((0, stepper.decoder.k)), *found])
-
-
-def _run(stepper: ReducedStepper, scene: Scene, motion: Motion, frames: range, progress: Callable[[], object]) -> Array:
-    """Some frames of a motion from rest, (N, k); if the run is lost, those before."""
-    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
-    farthest = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
-    state = ReducedState.at_rest(stepper.decoder)
-    q = np.empty((len(frames), stepper.decoder.k))
-    for i, frame in enumerate(frames):
-        u = stepper.displacement(state) if tracker.needs_state(frame) else None
-        state, _ = stepper.step(state, tracker.grabs(frame, u), tracker.conditions(frame).gravity)
-        if not np.linalg.norm(state.q) < farthest:
-            return q[:i]
-        q[i] = state.q
-        progress()
-    return q
+    return np.concatenate([np.empty((0, stepper.space.decoder.k)), *in_threads(run, parts, threads)])

@@ -41,7 +41,24 @@ class Trajectory:
     novelty: Array | None = None
 
     @property
+    def relative_error(self) -> float | None:
+        """The online error: mean vertex distance to the full-space run over its mean displacement; None if not known."""
+        return _ratio(self.mean_error, self.mean_displacement)
+
+    @property
+    def windowed_error(self) -> float | None:
+        """The same, restarted from the full-space state every window."""
+        return _ratio(self.windowed_mean_error, self.mean_displacement)
+
+    @property
     def diverged(self) -> bool:
         """Whether the run ended in an infinite energy or left the solid ten diagonals behind (NaN from there on)."""
         lost = self.coordinates is not None and not np.isfinite(self.coordinates).all()
         return lost or bool((self.reason == Reason.INFINITE_START).any())
+
+
+def _ratio(error: Array | None, moved: Array | None) -> float | None:
+    """Σ error / Σ moved over the frames, infinite where the run was lost; None where nothing is known or moved."""
+    if error is None or moved is None or not moved.sum() > 0:
+        return None
+    return float(error.sum() / moved.sum())

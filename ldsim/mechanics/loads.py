@@ -1,77 +1,143 @@
-"""Dead loads: forces on the solid that keep their size and direction however it deforms."""
+"""Loads: what acts on the solid in one frame, and how a motion hands them out frame by frame."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from ldsim.errors import SceneError
-from ldsim.mechanics.mass import mass_matrix
-from ldsim.mechanics.quadrature import Quadrature
-from ldsim.mechanics.regions import Region, cells_in
-from ldsim.mesh.mesh import Mesh
-from ldsim.mesh.surface import boundary_faces
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import MotionError
+from ldsim.mechanics.motion import Drag, Motion
+from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
-GAUSS = 1 / np.sqrt(3)
+
+@dataclass(frozen=True, eq=False)
+class Grab:
+    """A drag in one frame: ½ k ‖c(u) − target‖² with c the centroid of the held vertices.
+
+    Attributes:
+        vertices: held vertices, (g,) int64.
+        target: (3,) float64, metres.
+        stiffness: k, N/m.
+    """
+
+    vertices: Indices
+    target: Array
+    stiffness: float
 
 
-def body_force(mesh: Mesh, points: Quadrature, density: Array, region: Region, acceleration: ArrayLike) -> Array:
-    """∫ ρ N_a b dX over the cells of a region, (n, 3) float64, N.
+class MovedPins(NamedTuple):
+    """Pinned vertices that were moved together, x = A X + b.
+
+    Attributes:
+        vertices: which, (v,) int64.
+        map: (A | b), (3, 4) float64; b in metres.
+    """
+
+    vertices: Indices
+    map: Array
+
+    def displacement(self, rest: Array) -> Array:
+        """A X + b − X of these vertices, (v, 3) metres, from the rest positions of all, (n, 3)."""
+        X = rest[self.vertices]
+        u: Array = X @ self.map[:, :3].T + self.map[:, 3] - X
+        return u
+
+
+class Loads(NamedTuple):
+    """What acts in one frame.
+
+    Attributes:
+        grabs: springs that pull.
+        gravity: (3,) float64, m/s²; None for the scene's own.
+        pins: where moved pins are; all others are at rest.
+    """
+
+    grabs: tuple[Grab, ...] = ()
+    gravity: Array | None = None
+    pins: tuple[MovedPins, ...] = ()
+
+
+NONE = Loads()
+
+
+class MotionLoads:
+    """Hands out the loads of a motion frame by frame, and settles each drag's vertices when it starts.
 
     Args:
-        density: of each cell, (m,) kg/m³.
-        acceleration: b, (3,) m/s².
+        held: vertices already settled, by drag; a drag that is listed is not settled again.
 
-    Raises:
-        SceneError: the region holds no cell.
+    Attributes:
+        held: vertices of each drag so far.
     """
-    inside = np.where(cells_in(region, mesh, "loads"), density, 0.0)
-    force: Array = mass_matrix(mesh, points, inside).sum(axis=1)[:, None] * np.asarray(acceleration)
-    return force
+
+    def __init__(self, motion: Motion, scene: Scene, held: dict[int, Indices] | None = None) -> None:
+        self._motion, self._rest, self._movable = motion, scene.mesh.vertices, scene.movable
+        self._reach = 0.5 * float(np.linalg.norm(np.ptp(self._rest, axis=0)))
+        self.held = dict(held or {})
+
+    def needs_state(self, frame: int) -> bool:
+        """Whether the deformed mesh is needed to settle a drag that starts in this frame."""
+        return any(i not in self.held and not self._motion.drags[i].at_rest for i in self._motion.active(frame))
+
+    def at(self, frame: int, u: Array | None = None) -> Loads:
+        """The loads of a frame; u, (n, 3) metres, is the displacement before it.
+
+        Raises:
+            MotionError: a drag that starts here is not near the solid, or holds pinned vertices alone.
+        """
+        motion, grabs = self._motion, []
+        for i in motion.active(frame):
+            drag = motion.drags[i]
+            if i not in self.held:
+                positions = self._rest if u is None or drag.at_rest else self._rest + u
+                self.held[i] = held_vertices(drag, positions, self._movable, self._reach)
+            grabs.append(Grab(self.held[i], drag.targets[frame - drag.start], drag.stiffness))
+        gravity = None if motion.gravity is None else motion.gravity[frame]
+        return Loads(tuple(grabs), gravity, self.pins(frame))
+
+    def pins(self, frame: int) -> tuple[MovedPins, ...]:
+        """Where moved pins are in a frame."""
+        return tuple(MovedPins(support.vertices, support.maps[frame]) for support in self._motion.supports)
 
 
-def surface_force(mesh: Mesh, region: Region, traction: ArrayLike) -> Array:
-    """∫ N_a t dA over the boundary faces whose vertices all lie in a region, (n, 3) float64, N.
+def usual_grip(scene: Scene) -> tuple[float, float]:
+    """Stiffness, N/m, and radius, m, of a grab where none are given."""
+    return 0.01 * float(scene.mu.mean()) * scene.mesh.diagonal, 0.1 * scene.mesh.diagonal
+
+
+def held_vertices(drag: Drag, positions: Array, movable: NDArray[np.bool_], reach: float) -> Indices:
+    """The vertices a drag takes hold of: those within its radius of the vertex nearest to its point.
+
+    A recording made on a coarser or softer mesh has drifted away from this one by centimetres (0.046 m in x_1), so the
+    nearest vertex is taken up to the given reach.
 
     Args:
-        traction: t, force per area at rest, (3,) Pa.
+        positions: deformed vertex positions, (n, 3) float64, metres.
+        movable: false for pinned vertices, (n,) bool.
+        reach: the largest distance from the drag's point to a vertex, metres.
 
     Raises:
-        SceneError: the region holds no boundary face.
+        MotionError: the nearest vertex is beyond reach, or everything near is pinned.
     """
-    faces, areas = _face_areas(mesh, region)
-    force = np.linalg.norm(areas, axis=3)[..., None] * np.asarray(traction)
-    return _gathered(mesh, faces, force)
-
-
-def pressure_force(mesh: Mesh, region: Region, pressure: float) -> Array:
-    """−∫ N_a p n dA over the same faces with their outward normal n at rest, (n, 3) float64, N; p in Pa."""
-    faces, areas = _face_areas(mesh, region)
-    return _gathered(mesh, faces, -pressure * areas)
-
-
-def _face_areas(mesh: Mesh, region: Region) -> tuple[NDArray[np.int32], Array]:
-    """The boundary faces of a region, (f, a), and n dA at their quadrature points, (f, a, p, 3), m², times N_a."""
-    faces = boundary_faces(mesh)
-    faces = faces[region.vertices(mesh)[faces].all(axis=1)]
-    if len(faces) == 0:
-        raise SceneError(f"{region} holds no face of the surface; a face is loaded if all its vertices lie within")
-    x = mesh.vertices[faces]
-    if faces.shape[1] == 3:
-        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]) / 2
-        return faces, np.broadcast_to(normal[:, None, None] / 3, (len(faces), 3, 1, 3))
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
-    factors = 1 + GAUSS * corners[:, None] * corners
-    shape = factors.prod(axis=2) / 4
-    along = np.einsum("pa,fai->fpi", corners[:, 0] * factors[:, :, 1] / 4, x)
-    across = np.einsum("pa,fai->fpi", corners[:, 1] * factors[:, :, 0] / 4, x)
-    return faces, np.einsum("pa,fpi->fapi", shape, np.cross(along, across))
-
-
-def _gathered(mesh: Mesh, faces: NDArray[np.int32], force: Array) -> Array:
-    """Sums the forces of face corners, (f, a, p, 3), at the vertices, (n, 3)."""
-    total = np.zeros((mesh.n_vertices, 3))
-    np.add.at(total, faces, force.sum(axis=2))
-    return total
+    distance = np.linalg.norm(positions - drag.point, axis=1)
+    picked = int(distance.argmin())
+    if distance[picked] > reach:
+        raise MotionError(
+            f"the grab at frame {drag.start} hits no vertex: the nearest is {distance[picked]:.4g} m from "
+            f"{np.round(drag.point, 4).tolist()}, allowed are {reach:.4g} m (half the solid's diagonal); "
+            "check that the motion belongs to this mesh and that both are in metres"
+        )
+    near = np.linalg.norm(positions - positions[picked], axis=1) <= drag.radius
+    held = np.flatnonzero(near & movable)
+    if len(held) == 0:
+        raise MotionError(
+            f"the grab at frame {drag.start} holds only pinned vertices around {np.round(drag.point, 4).tolist()}; "
+            "grab a part that can move"
+        )
+    return held

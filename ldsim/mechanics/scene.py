@@ -104,9 +104,9 @@ class Scene:
     def movable(self) -> NDArray[np.bool_]:
         return ~self.pinned
 
-    def changed(self, gravity: NDArray[np.float64], material_scale: float) -> Scene:
-        """The same solid under another gravity, (3,) m/s², with its Lamé parameters times a positive number."""
-        scene = replace(self, gravity=gravity, mu=material_scale * self.mu, lam=material_scale * self.lam)
+    def stiffened(self, scale: float) -> Scene:
+        """The same solid with its Lamé parameters times a positive number."""
+        scene = replace(self, mu=scale * self.mu, lam=scale * self.lam)
         scene.__dict__.update(points=self.points, mass=self.mass)  # cached, and the same
         return scene
 

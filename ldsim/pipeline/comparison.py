@@ -6,32 +6,28 @@ its minimisers, found on a trial stretch that also serves as warm-up; errors aga
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.dynamics.reduced.minimiser import Method
-from ldsim.dynamics.reduced.stepper import Prescribed, ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.stepper import Frame, simulate
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason
-from ldsim.simulator.loading import stop_of
-from ldsim.space.basis import weighted
-from ldsim.space.decoder import Decoder
-from ldsim.space.encoder import Encoder, nearest_latent
 from ldsim.space.lifting import Lifting
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Held = Mapping[int, Indices]
 Frames = Callable[[int, int], NDArray[np.floating]]
 
 TRIAL_FRAMES = 60
@@ -39,92 +35,107 @@ TRIALS = 3
 CHUNK = 64
 
 # The minimisers that compete for each reduced space.
-MINIMISERS: dict[str, tuple[Method, bool]] = {
-    "L-BFGS, rest stiffness": (Method.LBFGS, False),
-    "L-BFGS, current stiffness": (Method.LBFGS, True),
-    "BFGS kept across steps": (Method.BFGS, True),
-    "Newton": (Method.NEWTON, True),
+MINIMISERS: dict[str, ReducedOptions] = {
+    "L-BFGS, rest stiffness": ReducedOptions(method="lbfgs", current=False),
+    "L-BFGS, current stiffness": ReducedOptions(method="lbfgs"),
+    "BFGS kept across steps": ReducedOptions(method="bfgs"),
+    "Newton": ReducedOptions(method="newton"),
 }
 
 
-class Restarts:
-    """States of a reduced space taken from the full-space run every so many frames.
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A motion as it ran in the full space, for reduced runs of it to be judged by.
 
-    Args:
-        every: frames between restarts.
-        state: the reduced state that continues after a frame of the full-space run (−1 is rest).
+    Attributes:
+        held: vertices of each drag.
+        frames: (start, stop) → displacements of frames start … stop − 1, (frames, n, 3), metres; None where no
+            full-space run is known, as with another material.
     """
 
-    def __init__(self, every: int, state: Callable[[int], ReducedState]) -> None:
-        self._every = every
-        self._state = state
+    motion: Motion
+    held: Mapping[int, Indices]
+    frames: Frames | None
 
-    def before(self, frame: int) -> ReducedState | None:
-        """The state to start a frame from, or None to go on."""
-        return self._state(frame - 1) if frame % self._every == 0 and frame > 0 else None
+    def displacement(self, scene: Scene, frame: int) -> Array:
+        """The full space after a frame, (n, 3) float64; rest before the first."""
+        if frame < 0 or self.frames is None:
+            return np.zeros((scene.mesh.n_vertices, 3))
+        return np.asarray(self.frames(frame, frame + 1)[0], dtype=np.float64)
 
 
 def run_reduced(
     stepper: ReducedStepper,
-    scene: Scene,
-    motion: Motion,
-    held: Held,
-    frames: range,
-    restarts: Restarts | None = None,
-    start: ReducedState | None = None,
+    reference: Reference,
+    frames: range | None = None,
+    restart: int | None = None,
     progress: Callable[[], object] | None = None,
 ) -> Trajectory:
     """Step through frames of a motion in a reduced space; a run that is lost ends in NaN.
 
-    Raises:
-        MotionError: the motion moves pins that the stepper was not prepared for.
+    Args:
+        frames: which; all where it is left out.
+        restart: start anew from the full-space run every so many frames.
     """
-    a = (stepper.lifting or Lifting.of(scene, ())).coordinates(motion)
-    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
-    state = start if start is not None else ReducedState.at_rest(stepper.decoder)
-    count, decoder = len(frames), stepper.decoder
-    q, z = np.full((count, decoder.k), np.nan), np.full((count, decoder.r), np.nan)
-    counts = np.zeros((count, 3), dtype=np.int64)
+    every = range(reference.motion.frames) if frames is None else frames
+    made = simulate(stepper, reference.motion, frames=every, held=reference.held)
+    if restart is not None:
+        made = _restarted(stepper, reference, restart)
+    return _recorded(made, len(every), stepper.space, progress)
+
+
+def _restarted(stepper: ReducedStepper, reference: Reference, every: int) -> Iterator[Frame[ReducedState]]:
+    """The frames of a motion, started from the full-space run every so many frames."""
+    motion, held, scene = reference.motion, reference.held, stepper.scene
+    loads = MotionLoads(motion, scene, dict(held))
+    for first in range(0, motion.frames, every):
+        start = None
+        if first:
+            u = [reference.displacement(scene, first - back) for back in (1, 2)]
+            pins = [loads.pins(first - back) if first >= back else () for back in (1, 2)]
+            start = stepper.state(u[0], u[1], (pins[0], pins[1]))
+        for frame in simulate(stepper, motion, start, range(first, min(first + every, motion.frames)), held):
+            yield frame
+            if frame.lost:
+                return
+
+
+def _recorded(
+    frames: Iterable[Frame[ReducedState]], count: int, space: Space, progress: Callable[[], object] | None = None
+) -> Trajectory:
+    """What a reduced run came to; NaN from the frame on in which it was lost."""
+    q, z = np.full((count, space.decoder.k), np.nan), np.full((count, space.decoder.r), np.nan)
+    counts, seconds = np.zeros((count, 3), dtype=np.int64), np.full(count, np.nan)
     counts[:, 2] = Reason.INFINITE_START
-    seconds = np.full(count, np.nan)
-    limit = 10 * scene.mesh.diagonal * np.sqrt(float(scene.mass.sum()))
     for i, frame in enumerate(frames):
-        state = (restarts.before(frame) if restarts is not None else None) or state
-        u = None
-        if tracker.needs_state(frame):
-            u = stepper.displacement(state, Prescribed.of(a, frame - 1) if frame else None)
-        grabs, gravity = tracker.grabs(frame, u), tracker.conditions(frame).gravity
-        prescribed = Prescribed.of(a, frame)
-        started = time.perf_counter()
-        state, solution = stepper.step(state, grabs, gravity, prescribed)
-        seconds[i] = time.perf_counter() - started
-        counts[i] = solution.iterations, solution.evaluations, solution.reason
-        if solution.reason == Reason.INFINITE_START or not np.linalg.norm(state.q) < limit:
+        counts[i] = frame.solution.iterations, frame.solution.evaluations, frame.solution.reason
+        seconds[i] = frame.seconds
+        if frame.lost:
             break
-        q[i], z[i] = state.q, state.z
+        q[i], z[i] = frame.state.q, frame.state.z
         if progress is not None:
             progress()
-    latent = None if decoder.is_identity else z
+    latent = None if space.decoder.is_identity else z
     return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds, q, latent)
 
 
-def run_full(
-    scene: Scene, motion: Motion, held: Held, frames: range, before: tuple[Array, Array], tolerance: float
-) -> Trajectory:
-    """Step through frames of a motion in the full space from the displacements of the two frames before, (n, 3)."""
+def run_full(scene: Scene, reference: Reference, frames: range, tolerance: float) -> Trajectory:
+    """Step through some frames of a motion in the full space, for its time.
+
+    It starts from the full-space run, or where none is known from rest, and then runs up to the frames first.
+    """
     stepper = FullStepper(scene, FullOptions(tolerance=tolerance))
-    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(held))
-    state = FullState(before[0], before[1], before[0])
-    counts = np.zeros((len(frames), 3), dtype=np.int64)
-    seconds = np.zeros(len(frames))
-    stepper.step(state, tracker.grabs(frames[0], state.u), tracker.conditions(frames[0]))
-    for i, frame in enumerate(frames):
-        grabs, conditions = tracker.grabs(frame, state.u), tracker.conditions(frame)
-        started = time.perf_counter()
-        state, solution = stepper.step(state, grabs, conditions)
-        seconds[i] = time.perf_counter() - started
-        counts[i] = solution.iterations, solution.evaluations, solution.reason
-    return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds)
+    motion, held = reference.motion, reference.held
+    if reference.frames is None:
+        run, start = range(frames.stop), stepper.rest()
+    else:
+        run = frames
+        start = FullState.moving(*(reference.displacement(scene, frames.start - back) for back in (1, 2)))
+    # the first step once more than it counts: it compiles, and factorises for the first time
+    next(simulate(stepper, motion, start, run, held))
+    made = list(simulate(stepper, motion, start, run, held))[-len(frames) :]
+    counts = np.array([[f.solution.iterations, f.solution.evaluations, f.solution.reason] for f in made])
+    return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], np.array([f.seconds for f in made]))
 
 
 def stretch(motion: Motion, count: int) -> range:
@@ -134,48 +145,42 @@ def stretch(motion: Motion, count: int) -> range:
     return range(first, min(first + count, motion.frames))
 
 
-def fastest(
-    make: Callable[[Method, bool], ReducedStepper], scene: Scene, motion: Motion, held: Held
-) -> tuple[str, ReducedStepper]:
+def fastest(space: Space, reference: Reference, options: ReducedOptions) -> tuple[str, ReducedStepper]:
     """The minimiser with the least median step on a trial stretch where no step fails; ties go to fewer failures.
 
     They are tried in turns, and the least of each counts: a machine may be half as fast for a second.
+
+    Args:
+        options: whose tolerance and most iterations hold for all.
     """
-    frames = range(stretch(motion, TRIAL_FRAMES).stop)
-    steppers = {name: make(*minimiser) for name, minimiser in MINIMISERS.items()}
+    frames = range(stretch(reference.motion, TRIAL_FRAMES).stop)
+    common = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
+    steppers = {name: ReducedStepper(space, kind.model_copy(update=common)) for name, kind in MINIMISERS.items()}
     failed, least = dict.fromkeys(steppers, 0), dict.fromkeys(steppers, np.inf)
     for stepper in steppers.values():
-        run_reduced(stepper, scene, motion, held, frames[:2])
+        run_reduced(stepper, reference, frames[:2])
     for name, stepper in TRIALS * list(steppers.items()):
-        trial = run_reduced(stepper, scene, motion, held, frames)
-        part = trial.seconds[-TRIAL_FRAMES:]
+        trial = run_reduced(stepper, reference, frames)
+        late = trial.seconds[-TRIAL_FRAMES:]
         failed[name] = int((trial.reason != Reason.CONVERGED).sum())
-        least[name] = min(least[name], float(np.nanmedian(part)) if np.isfinite(part).any() else np.inf)
+        least[name] = min(least[name], float(np.nanmedian(late)) if np.isfinite(late).any() else np.inf)
     best = min(steppers, key=lambda name: (failed[name], least[name]))
     return best, steppers[best]
 
 
-def with_errors(
-    trajectory: Trajectory,
-    U: Array,
-    snapshots: Callable[[int, int], NDArray[np.float32]],
-    windowed: Trajectory,
-    lifted: Frames | None = None,
-) -> Trajectory:
-    """The trajectory with its vertex distances to the full-space snapshots, uninterrupted and windowed.
-
-    Args:
-        snapshots: frames start … stop − 1 of the full-space run, (frames, n, 3), metres.
-        lifted: the same of what moving pins prescribe; None where all stand still.
-    """
-    assert trajectory.coordinates is not None and windowed.coordinates is not None
+def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, reference: Reference) -> Trajectory:
+    """The trajectory with its vertex distances to the full-space run, uninterrupted and windowed."""
+    assert trajectory.coordinates is not None and windowed.coordinates is not None and reference.frames is not None
+    lifted = None
+    if space.lifting is not None and space.lifting.count:
+        lifted = space.lifting.displacements(reference.motion)
     columns: list[Array] = []
     for start in range(0, len(trajectory.coordinates), CHUNK):
-        part = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
-        full = snapshots(part.start, part.stop)
-        relative = full if lifted is None else full - lifted(part.start, part.start + len(full))
-        distance = _distances(trajectory.coordinates[part], U, relative)
-        again = _distances(windowed.coordinates[part], U, relative)
+        some = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
+        full = reference.frames(some.start, some.stop)
+        relative = full if lifted is None else full - lifted(some.start, some.start + len(full))
+        distance = _distances(trajectory.coordinates[some], space, relative)
+        again = _distances(windowed.coordinates[some], space, relative)
         moved = np.linalg.norm(full.astype(np.float64), axis=2)
         columns.append(np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)]))
     mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
@@ -188,141 +193,49 @@ def with_errors(
     )
 
 
-def _distances(q: Array, U: Array, full: NDArray[np.floating]) -> Array:
+def _distances(q: Array, space: Space, full: NDArray[np.floating]) -> Array:
     """Vertex distances between U q and the snapshots, (frames, n) metres; infinite where q is not finite."""
-    distance: Array = np.linalg.norm((q @ U.T).reshape(full.shape) - full, axis=2)
+    distance: Array = np.linalg.norm(space.displacement(q) - full, axis=2)
     distance[~np.isfinite(q).all(axis=1)] = np.inf
     return distance
 
 
-@dataclass(frozen=True, eq=False)
-class ReducedSpace:
-    """A reduced space to compare: its name, basis (3n, k), decoder, encoder and cubature."""
-
-    name: str
-    U: Array
-    decoder: Decoder
-    encoder: Encoder
-    cubature: CubatureRule
-
-    def stepper(
-        self,
-        scene: Scene,
-        tolerance: float,
-        max_iterations: int,
-        method: Method,
-        current: bool,
-        lifting: Lifting | None = None,
-    ) -> ReducedStepper:
-        """What steps a scene in this space; the arguments are those of `ReducedStepper`."""
-        return ReducedStepper(
-            scene,
-            self.U,
-            self.decoder,
-            self.cubature,
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-            method=method,
-            current=current,
-            lifting=lifting,
-        )
-
-    def state(self, metric: csr_array, u: Array, u_previous: Array) -> ReducedState:
-        """The reduced state nearest to the displacements of two frames, each (n, 3); q keeps their projections."""
-        q = weighted(metric, np.stack([u.ravel(), u_previous.ravel()])) @ self.U
-        guesses = self.encoder(q)
-        z = [nearest_latent(self.decoder, target, guess) for target, guess in zip(q, guesses, strict=True)]
-        return ReducedState.moving(z[0], z[1], q[0], q[1])
+def windowed_error(space: Space, reference: Reference, window: float) -> float:
+    """Online error of a motion that is restarted from its full-space run every window of so many seconds."""
+    space = space.with_lifting(Lifting.of(space.scene, [reference.motion]))
+    run = run_reduced(ReducedStepper(space), reference, restart=restarts_every(space.scene, window))
+    error = with_errors(run, run, space, reference).relative_error
+    assert error is not None
+    return error
 
 
-def windowed_error(
-    scene: Scene, metric: csr_array, space: ReducedSpace, motion: Motion, held: Held, snapshots: Frames, window: float
-) -> float:
-    """Online error of a motion that is restarted from its snapshots every window of so many seconds."""
-    lifting = Lifting.of(scene, [motion])
-    lifted = lifting.displacements(motion) if lifting.count else None
-    stepper = space.stepper(scene, stop_of(scene), 200, Method.BFGS, True, lifting)
-    restarts = restarts_every(scene, metric, space, _without(snapshots, lifted), window)
-    run = run_reduced(stepper, scene, motion, held, range(motion.frames), restarts)
-    judged = with_errors(run, space.U, snapshots, run, lifted)
-    assert judged.mean_error is not None and judged.mean_displacement is not None
-    return float(judged.mean_error.sum() / judged.mean_displacement.sum())
-
-
-@dataclass(frozen=True)
-class Options:
-    """Settings of a comparison, as `settings.SimulateSettings` declares them."""
-
-    tolerance: float
-    max_iterations: int
-    full_frames: int
-    window: float
+def restarts_every(scene: Scene, window: float) -> int:
+    """A window of so many seconds in frames, at least one."""
+    return max(round(window / scene.time_step), 1)
 
 
 def compare_motion(
-    scene: Scene,
-    metric: csr_array,
-    spaces: Sequence[ReducedSpace],
-    motion: Motion,
-    held: Held,
-    snapshots: Frames | None,
-    options: Options,
+    spaces: Sequence[Space],
+    reference: Reference,
+    options: ReducedOptions,
+    full_frames: int,
+    window: float,
     progress: Callable[[], object],
 ) -> Iterator[tuple[str, Trajectory, str]]:
     """Run one motion in the full space (a stretch, for its time) and in each reduced space (whole, and windowed).
 
-    Without snapshots, as with a material that no full-space run had, the full space is run from rest up to the end of
-    the stretch, and nothing is judged or windowed.
+    Without a full-space run, as with a material that no snapshot had, nothing is judged or windowed.
 
     Yields the space's name, its trajectory and its minimiser.
     """
-    timed, lifting = stretch(motion, options.full_frames), Lifting.of(scene, [motion])
-    lifted = lifting.displacements(motion) if lifting.count else None
-    yield "full", _full_stretch(scene, motion, held, timed, snapshots, options.tolerance), "L-BFGS, turned factor"
-    for space in spaces:
-
-        def make(method: Method, current: bool, space: ReducedSpace = space) -> ReducedStepper:
-            return space.stepper(scene, options.tolerance, options.max_iterations, method, current, lifting)
-
-        name, stepper = fastest(make, scene, motion, held)
-        whole = range(motion.frames)
-        trajectory = run_reduced(stepper, scene, motion, held, whole, progress=progress)
-        if snapshots is not None:
-            restarts = restarts_every(scene, metric, space, _without(snapshots, lifted), options.window)
-            windowed = run_reduced(stepper, scene, motion, held, whole, restarts, progress=progress)
-            trajectory = with_errors(trajectory, space.U, snapshots, windowed, lifted)
+    scene = spaces[0].scene
+    full = run_full(scene, reference, stretch(reference.motion, full_frames), options.stop(scene))
+    yield "full", full, "L-BFGS, warped factor"
+    lifting = Lifting.of(scene, [reference.motion])
+    for space in (space.with_lifting(lifting) for space in spaces):
+        name, stepper = fastest(space, reference, options)
+        trajectory = run_reduced(stepper, reference, progress=progress)
+        if reference.frames is not None:
+            windowed = run_reduced(stepper, reference, restart=restarts_every(scene, window), progress=progress)
+            trajectory = with_errors(trajectory, windowed, space, reference)
         yield space.name, trajectory, name
-
-
-def _without(snapshots: Frames, lifted: Frames | None) -> Frames:
-    """The frames less what moving pins prescribe in them."""
-    return snapshots if lifted is None else lambda start, stop: snapshots(start, stop) - lifted(start, stop)
-
-
-def _displacement(scene: Scene, snapshots: Frames, frame: int) -> Array:
-    """The full space after a frame, (n, 3) float64; rest before the first."""
-    if frame < 0:
-        return np.zeros((scene.mesh.n_vertices, 3))
-    return np.asarray(snapshots(frame, frame + 1)[0], dtype=np.float64)
-
-
-def _full_stretch(
-    scene: Scene, motion: Motion, held: Held, timed: range, snapshots: Frames | None, tolerance: float
-) -> Trajectory:
-    """The frames of a stretch in the full space, started from its snapshots or, without, run up to from rest."""
-    if snapshots is not None:
-        before = tuple(_displacement(scene, snapshots, timed.start - back) for back in (1, 2))
-        return run_full(scene, motion, held, timed, (before[0], before[1]), tolerance)
-    rest = np.zeros((scene.mesh.n_vertices, 3))
-    whole = run_full(scene, motion, held, range(timed.stop), (rest, rest), tolerance)
-    part = slice(timed.start, None)
-    return Trajectory(whole.iterations[part], whole.evaluations[part], whole.reason[part], whole.seconds[part])
-
-
-def restarts_every(scene: Scene, metric: csr_array, space: ReducedSpace, snapshots: Frames, window: float) -> Restarts:
-    """Restarts of a reduced space from the snapshots, every window of so many seconds."""
-
-    def state(i: int) -> ReducedState:
-        return space.state(metric, _displacement(scene, snapshots, i), _displacement(scene, snapshots, i - 1))
-
-    return Restarts(max(round(window / scene.time_step), 1), state)

@@ -22,11 +22,11 @@ from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import motion_arrays
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper, run
+from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.stepper import Frame, simulate
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
-from ldsim.mechanics.motion import GrabTracker, Motion
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.motion import Motion
 from ldsim.pipeline.cluster import executor, result
 
 POLL_SECONDS = 0.5
@@ -87,23 +87,25 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
     with one_thread(), store.owned():
         scene, _ = read_scene(scene_path)
         identity = run_identity(scene_path, motion, options)
+        stepper = FullStepper(scene, options)
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
         if checkpoint is None:
             store.start()
-            checkpoint = _beginning(identity, scene)
-        stepper = FullStepper(scene, options)
-        tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable, dict(checkpoint.held))
+            checkpoint = _beginning(identity, stepper)
         statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
         seconds = list(checkpoint.seconds)
         frames = range(checkpoint.frames, motion.frames)
         started = time.perf_counter()
-        for _, state, solution in run(stepper, tracker, _state(checkpoint), frames):
+        for frame in simulate(stepper, motion, _state(checkpoint), frames, checkpoint.held):
+            solution = frame.solution
+            if frame.lost:
+                raise SolverError(f"frame {frame.number}: {solution.reason.words}; {stepper.worst_cell(frame.state)}")
             seconds.append(time.perf_counter() - started)
             statistics["iterations"].append(solution.iterations)
             statistics["evaluations"].append(solution.evaluations)
             statistics["reason"].append(int(solution.reason))
-            store.append(state.u)
-            store.write_checkpoint(_checkpoint(identity, state, tracker, statistics, seconds))
+            store.append(frame.state.u)
+            store.write_checkpoint(_checkpoint(identity, frame, statistics, seconds))
             if not lease.holds():
                 raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
             started = time.perf_counter()
@@ -118,19 +120,18 @@ def run_identity(scene_path: Path, motion: Motion, options: FullOptions) -> str:
     return digest.hexdigest()
 
 
-def _beginning(identity: str, scene: Scene) -> Checkpoint:
-    state = FullState.at_rest(scene.mesh.n_vertices)
+def _beginning(identity: str, stepper: FullStepper) -> Checkpoint:
     none = np.empty(0, dtype=np.int64)
     return Checkpoint(
-        identity, _arrays(state), {}, {"iterations": none, "evaluations": none, "reason": none}, np.empty(0)
+        identity, _arrays(stepper.rest()), {}, {"iterations": none, "evaluations": none, "reason": none}, np.empty(0)
     )
 
 
 def _checkpoint(
-    identity: str, state: FullState, tracker: GrabTracker, statistics: dict[str, list[int]], seconds: list[float]
+    identity: str, frame: Frame[FullState], statistics: dict[str, list[int]], seconds: list[float]
 ) -> Checkpoint:
     counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
-    return Checkpoint(identity, _arrays(state), tracker.held, counts, np.array(seconds))
+    return Checkpoint(identity, _arrays(frame.state), dict(frame.held), counts, np.array(seconds))
 
 
 def _arrays(state: FullState) -> dict[str, NDArray[np.float64] | int]:

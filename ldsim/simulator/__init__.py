@@ -8,12 +8,11 @@
 `play`, `record` and scripts all step through it.
 """
 
-from ldsim.simulator.loading import SPACES, full_simulator, load
+from ldsim.simulator.loading import full_simulator, load
 from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
 from ldsim.simulator.simulator import Handle, Simulator
 
 __all__ = [
-    "SPACES",
     "Handle",
     "Outcome",
     "SavedState",

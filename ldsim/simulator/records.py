@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab, MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_triangles
 from ldsim.optimise.solution import Reason
@@ -87,6 +87,7 @@ class SavedState:
 
     state: Any
     grabs: dict[int, Grab] = field(repr=False)
-    gravity: Array
+    pins: tuple[MovedPins, ...]
+    gravity: Array | None
     material_scale: float
     number: int

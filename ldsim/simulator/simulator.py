@@ -7,19 +7,20 @@ solid whatever is asked of it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldsim.dynamics.spaces import Dynamics
+from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.motion import Drag, Grab, held_vertices, usual_grip
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.loads import Grab, Loads, MovedPins, held_vertices, usual_grip
+from ldsim.mechanics.motion import Drag
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
@@ -62,42 +63,30 @@ class Simulator:
     """Steps one solid in one space.
 
     Args:
-        scene: the solid.
-        dynamics: how its states are stepped.
-        space: "latent", "linear" or "full".
-        basis: U, (3n, k) float64; None in the full space.
-        points: the cubature, (c,) indices of quadrature points; None in the full space.
+        space: its scene, and what it looks like from outside.
+        stepper: how its states are stepped.
         bound: a step that leads further than this many diagonals from rest is not taken.
-        novelty: how far a state is from the training data, 1 where to warn; None where that is not known.
 
     Attributes:
         last: the record of the last step, None before the first.
         counts: how many steps came to each outcome since the last reset.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        dynamics: Dynamics[Any],
-        space: str,
-        *,
-        basis: Array | None = None,
-        points: NDArray[np.int64] | None = None,
-        bound: float = BOUND,
-        novelty: Callable[[Any], float] | None = None,
-    ) -> None:
-        self.scene, self.space, self.basis, self.points = scene, space, basis, points
-        self.surface = Surface.of(scene)
-        self._dynamics, self._novelty = dynamics, novelty
-        self._limit = bound * scene.mesh.diagonal
-        self._gravity, self._material_scale = scene.gravity.astype(np.float64), 1.0
+    def __init__(self, space: Space, stepper: Stepper[Any], bound: float = BOUND) -> None:
+        self.space, self.scene = space, space.scene
+        self.surface = Surface.of(self.scene)
+        self._own_stepper = self._stepper = stepper
+        self._limit = bound * self.scene.mesh.diagonal
+        self._gravity: Array | None = None
+        self._material_scale = 1.0
         self._next_key = 0
         self.reset()
 
     def reset(self) -> None:
         """Back to rest, without grabs; gravity and material stay as they were set."""
-        self._state = self._dynamics.at_rest()
+        self._state = self._stepper.rest()
         self._grabs: dict[int, Grab] = {}
+        self._pins: tuple[MovedPins, ...] = ()
         self._number = 0
         self.last: StepRecord | None = None
         self.counts = dict.fromkeys(Outcome, 0)
@@ -162,6 +151,13 @@ class Simulator:
         self._grabs = dict(enumerate(grabs, self._next_key))
         self._next_key += len(grabs)
 
+    def set_pins(self, pins: Sequence[MovedPins]) -> None:
+        """Where moved pins are from now on; all others are at rest. Reset brings all of them back.
+
+        A reduced space moves the pins that a motion of its run moves, and no others.
+        """
+        self._pins = tuple(pins)
+
     @property
     def grabs(self) -> list[Grab]:
         """What is held now."""
@@ -170,7 +166,7 @@ class Simulator:
     @property
     def gravity(self) -> Array:
         """Acceleration, (3,) float64, m/s²; can be set at any time."""
-        return self._gravity.copy()
+        return (self.scene.gravity if self._gravity is None else self._gravity).astype(np.float64)
 
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
@@ -187,10 +183,10 @@ class Simulator:
             raise SceneError(f"material scale is {value:g}; it must be positive and finite")
         self._change(self._gravity, float(value))
 
-    def _change(self, gravity: Array, material_scale: float) -> None:
-        self._dynamics.change(gravity, material_scale)
+    def _change(self, gravity: Array | None, material_scale: float) -> None:
         if material_scale != self._material_scale:
-            self._state = self._dynamics.renewed(self._state)
+            self._stepper = self._own_stepper.stiffened(material_scale)
+            self._state = self._state.renewed()
         self._gravity, self._material_scale = gravity, material_scale
 
     def step(self, count: int = 1) -> StepRecord:
@@ -207,7 +203,7 @@ class Simulator:
 
     def _step(self) -> StepRecord:
         started = time.perf_counter()
-        self._state, tries, outcome = self._attempt(self.grabs)
+        self._state, tries, outcome = self._attempt(Loads(tuple(self.grabs), self._gravity, self._pins))
         self._number += 1
         self.counts[outcome] += 1
         self.last = StepRecord(
@@ -221,25 +217,25 @@ class Simulator:
         )
         return self.last
 
-    def _attempt(self, grabs: list[Grab]) -> tuple[Any, list[Solution], Outcome]:
+    def _attempt(self, loads: Loads) -> tuple[Any, list[Solution], Outcome]:
         """The next state: in motion, else with what was kept from earlier steps renewed, else from standstill."""
-        dynamics, tries = self._dynamics, list[Solution]()
-        state, solution = dynamics.step(self._state, grabs)
+        stepper, tries = self._stepper, list[Solution]()
+        state, solution = stepper.step(self._state, loads)
         tries.append(solution)
         if solution.reason == Reason.NO_DECREASE and not self._lost(state, solution):
-            other, solution = dynamics.step(dynamics.renewed(self._state), grabs)
+            other, solution = stepper.step(self._state.renewed(), loads)
             tries.append(solution)
             state = other if not self._lost(other, solution) else state
         if not self._lost(state, solution):
             return state, tries, Outcome.SOLVED if solution.converged else Outcome.SHORT
-        still = dynamics.still(self._state)
-        state, solution = dynamics.step(still, grabs)
+        standing = self._state.standing()
+        state, solution = stepper.step(standing, loads)
         tries.append(solution)
-        return (still, tries, Outcome.HELD) if self._lost(state, solution) else (state, tries, Outcome.SLOWED)
+        return (standing, tries, Outcome.HELD) if self._lost(state, solution) else (state, tries, Outcome.SLOWED)
 
     def _lost(self, state: Any, solution: Solution) -> bool:
         """Whether a step led nowhere, to a state that is not finite, or out of bounds."""
-        return solution.reason == Reason.INFINITE_START or not self._dynamics.extent(state) <= self._limit
+        return solution.reason == Reason.INFINITE_START or not self._stepper.extent(state) <= self._limit
 
     @property
     def time(self) -> float:
@@ -248,31 +244,31 @@ class Simulator:
 
     @property
     def coordinates(self) -> Array:
-        """What describes the shape: q (k,) in a reduced space, u (3n,) in the full one; float64."""
-        return self._dynamics.coordinates(self._state).copy()
+        """What describes the shape: q in a reduced space, and where its pins are; u (3n,) in the full one; float64."""
+        return self._stepper.coordinates(self._state).copy()
 
     @property
     def novelty(self) -> float:
         """How far the state is from the training data; from 1 on, beware. NaN where the run does not tell."""
-        return np.nan if self._novelty is None else self._novelty(self._state)
+        novelty = self.space.novelty
+        return np.nan if novelty is None else float(novelty(self._state.z[None])[0]) / novelty.threshold
 
     def displacement(self) -> Array:
         """u of every vertex, (n, 3) float64, metres."""
-        return self._dynamics.displacement(self._state).copy()
+        return self._stepper.displacement(self._state).copy()
 
     def centroid(self, vertices: NDArray[np.int64]) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
         rest: Array = self.scene.mesh.vertices[vertices].mean(axis=0)
-        if self.basis is None:
+        if self.space.basis is None:
             u: Array = self.displacement()[vertices].mean(axis=0)
         else:
-            nodal = self.basis.reshape(self.scene.mesh.n_vertices, 3, -1)
-            u = nodal[vertices].mean(axis=0) @ self._dynamics.coordinates(self._state)
+            u = self.space.fields[vertices].mean(axis=0) @ self._stepper.coordinates(self._state)
         return rest + u
 
     def save(self) -> SavedState:
         """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""
-        return SavedState(self._state, dict(self._grabs), self._gravity, self._material_scale, self._number)
+        return SavedState(self._state, dict(self._grabs), self._pins, self._gravity, self._material_scale, self._number)
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a saved state of this run and space.
@@ -281,13 +277,14 @@ class Simulator:
             SolverError: it belongs to another space or model, is not finite, or is out of bounds.
         """
         if type(saved.state) is not type(self._state):
-            raise SolverError(f"the saved state is of another space than {self.space}")
-        present, given = self.coordinates.shape, self._dynamics.coordinates(saved.state).shape
+            raise SolverError(f"the saved state is of another space than {self.space.name}")
+        present, given = self.coordinates.shape, self._stepper.coordinates(saved.state).shape
         if present != given:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
-        if not self._dynamics.extent(saved.state) <= self._limit:
+        if not self._stepper.extent(saved.state) <= self._limit:
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
         self._state, self._grabs, self._number = saved.state, dict(saved.grabs), saved.number
+        self._pins = saved.pins
         self._change(saved.gravity, saved.material_scale)
 
 

@@ -56,6 +56,9 @@ class Encoder:
         return x
 
 
+IDENTITY = Encoder((), ())
+
+
 def nearest_latent(decoder: Decoder, q: Array, z: Array, iterations: int = 20) -> Array:
     """The z that minimises ‖φ(z) − q‖, (r,), by Levenberg–Marquardt from the guess z, (r,).
 

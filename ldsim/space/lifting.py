@@ -18,7 +18,8 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg
 
 from ldsim.errors import MotionError, SolverError
-from ldsim.mechanics.motion import Motion, Support
+from ldsim.mechanics.loads import MovedPins
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.space.pca import Chunks
 
@@ -61,26 +62,39 @@ class Lifting:
         """The columns of L, l."""
         return int(self.fields.shape[1])
 
-    def coordinates(self, motion: Motion) -> Array:
-        """a in every frame of a motion, (N, l) float64; zero for supports that stand still in it.
+    def at(self, pins: Iterable[MovedPins]) -> Array:
+        """a where these pins were moved, (l,) float64; zero for all others.
 
         Raises:
-            MotionError: it moves pins that this lifting does not know.
+            MotionError: pins were moved that this lifting does not know.
         """
+        a = np.zeros((len(self.supports), 3, 4))
+        for moved in pins:
+            a[self._number(moved.vertices)] = moved.map - np.eye(3, 4)
+        return a.ravel()
+
+    def coordinates(self, motion: Motion) -> Array:
+        """a in every frame of a motion, (N, l) float64; see `at`."""
         a = np.zeros((motion.frames, len(self.supports), 3, 4))
         for support in motion.supports:
-            a[:, self._number(motion, support)] = support.maps[: motion.frames] - np.eye(3, 4)
+            a[:, self._number(support.vertices)] = support.maps[: motion.frames] - np.eye(3, 4)
         return a.reshape(motion.frames, self.count)
+
+    def field(self, a: Array) -> Array:
+        """L a, (n, 3) float64, metres."""
+        return (a[None] @ self.fields.T).reshape(-1, 3)
 
     def all_coordinates(self, motions: Sequence[Motion]) -> Array:
         """a of some motions one after the other, (N, l)."""
         return np.concatenate([np.empty((0, self.count)), *(self.coordinates(motion) for motion in motions)])
 
-    def _number(self, motion: Motion, support: Support) -> int:
+    def _number(self, moved: NDArray[np.int64]) -> int:
         for i, vertices in enumerate(self.supports):
-            if np.array_equal(vertices, support.vertices):
+            if moved is vertices or np.array_equal(vertices, moved):
                 return i
-        raise MotionError(f"motion {motion.name} moves pins, for which this space was not prepared (`Lifting.of`)")
+        raise MotionError(
+            f"{len(moved)} pins move, the first at vertex {moved[0]}, for which this space was not prepared (`Lifting.of`)"
+        )
 
     def displacements(self, motion: Motion) -> Callable[[int, int], Array]:
         """The function (start, stop) → L a in frames start … stop − 1 of a motion, (frames, n, 3) float64, metres."""

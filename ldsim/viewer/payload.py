@@ -46,14 +46,14 @@ def solid_block(simulator: Simulator, header: Mapping[str, object]) -> bytes:
 
 def space_block(simulator: Simulator) -> bytes:
     """A space: its basis on the surface (v, 3, k) and its cubature points with theirs, float32; no basis in full."""
-    scene, surface = simulator.scene, simulator.surface
-    header = {"space": simulator.space, "k": 0}
-    if simulator.basis is None or simulator.points is None:
+    scene, surface, space = simulator.scene, simulator.surface, simulator.space
+    header = {"space": space.name, "k": 0}
+    if space.basis is None:
         return block(header, {})
-    U = simulator.basis.reshape(scene.mesh.n_vertices, 3, -1)
+    U, points = space.fields, space.rule.points
     shapes, _, _ = reference_points(scene.mesh.cell_type)
-    share = shapes[simulator.points % len(shapes)]
-    nodes = scene.points.nodes[simulator.points]
+    share = shapes[points % len(shapes)]
+    nodes = scene.points.nodes[points]
     return block(
         header | {"k": U.shape[2]},
         {

@@ -8,7 +8,8 @@ from pathlib import Path
 from ldsim.errors import LdsimError
 from ldsim.mechanics.scene import Scene
 from ldsim.report.camera import first_look
-from ldsim.simulator import SPACES, Simulator, full_simulator, load
+from ldsim.run import SPACES
+from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer.payload import solid_block
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server

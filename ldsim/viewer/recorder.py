@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import write_recording
 from ldsim.simulator import Handle, Simulator
 
@@ -49,7 +50,7 @@ class Recorder:
         self._point: Array | None = None
         self._target = np.zeros(3)
         self._targets: list[Array] = []
-        self._tracker: GrabTracker | None = None
+        self._loads: MotionLoads | None = None
 
     def status(self) -> dict[str, object]:
         """What the page shows of it."""
@@ -77,7 +78,7 @@ class Recorder:
             raise MotionError("nothing to play back: record something first, or name a recording with --play")
         if value:
             assert self._motion is not None
-            self._tracker = GrabTracker(self._motion, simulator.scene.mesh.vertices, simulator.scene.movable)
+            self._loads = MotionLoads(self._motion, simulator.scene)
         self.recording, self.replaying, self._frames = False, value, 0
         simulator.set_grabs([])
 
@@ -112,11 +113,13 @@ class Recorder:
         return True
 
     def _play(self, simulator: Simulator) -> bool:
-        assert self._motion is not None and self._tracker is not None
+        assert self._motion is not None and self._loads is not None
         if self._frames >= self._motion.frames:
             self.replay(False, simulator)
             return False
-        u = simulator.displacement() if self._tracker.needs_state(self._frames) else None
-        simulator.set_grabs(self._tracker.grabs(self._frames, u))
+        u = simulator.displacement() if self._loads.needs_state(self._frames) else None
+        loads = self._loads.at(self._frames, u)
+        simulator.set_grabs(loads.grabs)
+        simulator.set_pins(loads.pins)
         self._frames += 1
         return True

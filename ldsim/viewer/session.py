@@ -45,8 +45,8 @@ class Session:
         recorder: Recorder | None = None,
     ) -> None:
         self._open_space, self.offered = open_space, tuple(offered)
-        self._open = {simulator.space: simulator for simulator in first}
-        self.blocks = {simulator.space: space_block(simulator) for simulator in first}
+        self._open = {simulator.space.name: simulator for simulator in first}
+        self.blocks = {simulator.space.name: space_block(simulator) for simulator in first}
         self._shown = list(first)
         self.recorder = recorder
         self._field = SurfaceField(first[0])
@@ -177,7 +177,7 @@ class Session:
         return {
             "kind": "status",
             "offered": self.offered,
-            "spaces": [simulator.space for simulator in self._shown],
+            "spaces": [simulator.space.name for simulator in self._shown],
             "gravity": look.gravity,
             "stiffness": look.stiffness,
             "speed": look.speed,

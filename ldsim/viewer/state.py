@@ -67,7 +67,7 @@ class Statistics:
 def space_frame(simulator: Simulator, statistics: Statistics) -> SpaceFrame:
     """What a frame says of one space; of the full one only the surface is sent."""
     q = simulator.coordinates
-    if simulator.basis is None:
+    if simulator.space.basis is None:
         q = q.reshape(-1, 3)[simulator.surface.vertices].ravel()
     return SpaceFrame(
         q.astype(np.float32),

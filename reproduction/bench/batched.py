@@ -20,7 +20,7 @@ from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_
 from ldsim.dynamics.batched import BatchedState, BatchedStepper
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.jit import one_thread
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_vertices
 from ldsim.report.machine import describe_machine

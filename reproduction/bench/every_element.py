@@ -15,7 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ldsim.dynamics.reduced.stepper import reduced_mass
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.mechanics.motion import Grab, GrabTracker, Motion
+from ldsim.mechanics.loads import Grab, MotionLoads
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.minimiser import minimise

@@ -37,7 +37,8 @@ from ldsim.artefacts.store import Header
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.jit import one_thread
-from ldsim.mechanics.motion import GrabTracker, Motion
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.formats import read_mesh

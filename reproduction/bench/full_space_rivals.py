@@ -17,7 +17,8 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import TurnedHessian
 from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.mechanics.motion import Grab, GrabTracker, Motion
+from ldsim.mechanics.loads import Grab, MotionLoads
+from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
 

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from skfem.helpers import ddot, det, grad, inv, transpose
 
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]

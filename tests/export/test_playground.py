@@ -13,7 +13,7 @@ import pytest
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.playground import write_playground
 from ldsim.export.source import Source, surface_of
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")

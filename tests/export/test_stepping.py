@@ -15,7 +15,8 @@ from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.arrays import safetensors, space_arrays
 from ldsim.export.source import ReducedSpace
 from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion, held_vertices
+from ldsim.mechanics.loads import MotionLoads, held_vertices
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support, held_vertices
+from ldsim.mechanics.loads import MotionLoads, held_vertices
+from ldsim.mechanics.motion import Drag, Motion, Support
 
 LINE = np.stack([np.arange(11) / 10, np.zeros(11), np.zeros(11)], axis=1)
 ALL_MOVE = np.ones(11, dtype=bool)

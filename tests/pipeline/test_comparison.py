@@ -11,7 +11,8 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.errors import MotionError
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam

@@ -13,7 +13,7 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator

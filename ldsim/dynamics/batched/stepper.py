@@ -17,7 +17,7 @@ from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedModel, Conditions
 from ldsim.dynamics.reduced.stepper import ReducedState
 from ldsim.errors import SolverError
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import Decoder

@@ -1,8 +1,8 @@
-"""The Hessian of the full space and its inverse: made at one state of the motion, turned along with the solid.
+"""The Hessian of the full space and its inverse: made at one state of the motion, warped along with the solid.
 
 H = M/h² + K(u), eigenvalues clamped. Newton makes it anew in every iteration; as the preconditioner of L-BFGS one
 serves for many steps. Where the solid has since rotated, K has rotated with it: K(u) ≈ R K(u_f) Rᵀ with one rotation a
-vertex, as in stiffness warping (Müller et al. 2002). Turning the right-hand side into the frame of the old state and
+vertex, as in stiffness warping (Müller et al. 2002). Rotating the right-hand side into the frame of the old state and
 back costs little and lets one factor serve four times as long. Grabs add Σ k AᵀA of rank three each, included by
 Woodbury's identity.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import vertex_rotations
-from ldsim.mechanics.motion import Grab
+from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.linear import LinearSolver
@@ -31,8 +31,8 @@ Indices = NDArray[np.int64]
 STATIC_SHIFT = 1e-9
 
 
-class TurnedHessian:
-    """H⁻¹ of a scene, made at one displacement and turned to others.
+class WarpedHessian:
+    """H⁻¹ of a scene, made at one displacement and warped to others.
 
     Args:
         choice: how it is inverted.
@@ -52,7 +52,7 @@ class TurnedHessian:
         self._inverse: LinearSolver | None = None
         self._factor_rotations = np.empty((n, 3, 3))
         self._rotations = np.empty((n, 3, 3))
-        self._turn = np.empty((self._pattern.n_free, 3, 3))
+        self._relative = np.empty((self._pattern.n_free, 3, 3))
         self._rows = np.empty((0, 3 * n))
         self._columns = np.empty((3 * n, 0))
         self._capacitance = np.empty((0, 0))
@@ -65,10 +65,6 @@ class TurnedHessian:
         blocks = self._pattern.stiffness_blocks(self._scene.elements, rest, clamp=True)
         on_diagonal = self._pattern.rows == self._pattern.columns
         return np.where(on_diagonal, STATIC_SHIFT * np.einsum("bii->b", blocks) / 3, 0.0)
-
-    def set_scene(self, scene: Scene) -> None:
-        """Take the material from another scene of the same solid; the factor is as it was until the next one."""
-        self._scene = scene
 
     def factorise(self, u: Array) -> None:
         """Make the inverse at displacement u, (n, 3) metres."""
@@ -84,9 +80,9 @@ class TurnedHessian:
         vertex_rotations(self._scene.elements, u, self._factor_rotations)
 
     def prepare(self, u: Array, grabs: Sequence[Grab]) -> None:
-        """Turn the inverse to displacement u, (n, 3) metres, and include the grabs."""
+        """Warp the inverse to displacement u, (n, 3) metres, and include the grabs."""
         vertex_rotations(self._scene.elements, u, self._rotations)
-        self._turn = (self._rotations @ self._factor_rotations.transpose(0, 2, 1))[self._pattern.order]
+        self._relative = (self._rotations @ self._factor_rotations.transpose(0, 2, 1))[self._pattern.order]
         self._rows = grab_rows(grabs, self._scene.mesh.n_vertices)
         self._columns = np.empty((self._rows.shape[1], len(self._rows)))
         for i, row in enumerate(self._rows):
@@ -96,8 +92,8 @@ class TurnedHessian:
     def solve_without_grabs(self, right: Array) -> Array:
         """R (M/h² + K(u_f))⁻¹ Rᵀ right, (3n,) → (3n,); zero at pinned vertices."""
         assert self._inverse is not None, "factorise first"
-        turned = turned_back(self._turn, self._pattern.order, right)
-        return turned_forth(self._turn, self._pattern.order, self._inverse.solve(turned), len(right))
+        rotated = rotated_back(self._relative, self._pattern.order, right)
+        return rotated_forth(self._relative, self._pattern.order, self._inverse.solve(rotated), len(right))
 
     def solve(self, right: Array) -> Array:
         """H⁻¹ right with the grabs, (3n,) → (3n,)."""
@@ -108,24 +104,24 @@ class TurnedHessian:
 
 
 @njit(cache=True, nogil=True)
-def turned_back(turn: Array, order: Indices, right: Array) -> Array:
+def rotated_back(R: Array, order: Indices, right: Array) -> Array:
     """Rᵀ right over the free vertices in the order of the matrix, (3n,) → (3f,)."""
     x = np.empty(3 * order.shape[0])
     for i in range(order.shape[0]):
         v = 3 * order[i]
         for j in range(3):
-            x[3 * i + j] = turn[i, 0, j] * right[v] + turn[i, 1, j] * right[v + 1] + turn[i, 2, j] * right[v + 2]
+            x[3 * i + j] = R[i, 0, j] * right[v] + R[i, 1, j] * right[v + 1] + R[i, 2, j] * right[v + 2]
     return x
 
 
 @njit(cache=True, nogil=True)
-def turned_forth(turn: Array, order: Indices, x: Array, size: int) -> Array:
+def rotated_forth(R: Array, order: Indices, x: Array, size: int) -> Array:
     """R x at the free vertices and zero at the pinned ones, (3f,) → (size,)."""
     solution = np.zeros(size)
     for i in range(order.shape[0]):
         v = 3 * order[i]
         for j in range(3):
-            solution[v + j] = turn[i, j, 0] * x[3 * i] + turn[i, j, 1] * x[3 * i + 1] + turn[i, j, 2] * x[3 * i + 2]
+            solution[v + j] = R[i, j, 0] * x[3 * i] + R[i, j, 1] * x[3 * i + 1] + R[i, j, 2] * x[3 * i + 2]
     return solution
 
 

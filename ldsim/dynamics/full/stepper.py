@@ -8,7 +8,7 @@ Hessian in every iteration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,18 +17,15 @@ from numpy.typing import NDArray
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
-from ldsim.dynamics.full.preconditioner import TurnedHessian
-from ldsim.errors import SolverError
+from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.mechanics.elastic import smallest_volume_ratio
-from ldsim.mechanics.motion import Conditions, Grab, GrabTracker
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
-from ldsim.optimise.solution import Reason, Solution
+from ldsim.optimise.solution import Solution
 
 Array = NDArray[np.float64]
 
-STILL = Conditions()
-DEFAULTS = FullOptions()
 WINDOW = 8
 
 
@@ -50,56 +47,69 @@ class FullState:
     excess: int = 0
 
     @classmethod
-    def at_rest(cls, n_vertices: int) -> FullState:
-        return cls(np.zeros((n_vertices, 3)), np.zeros((n_vertices, 3)), np.zeros((n_vertices, 3)))
+    def moving(cls, u: Array, u_previous: Array) -> FullState:
+        """The state of two frames, with nothing known of what came before."""
+        return cls(u, u_previous, u)
+
+    def standing(self) -> FullState:
+        """The same shape without velocity and with nothing kept from earlier steps."""
+        return FullState.moving(self.u, self.u)
+
+    def renewed(self) -> FullState:
+        """The same shape and velocity with nothing else kept from earlier steps."""
+        return FullState.moving(self.u, self.u_previous)
 
 
 class FullStepper:
     """Steps a scene in the full space.
 
+    It keeps nothing of a run. What it keeps for each thread is the last factorisation: a state says where its
+    preconditioner is factorised, and where that is the displacement of the last step, nothing is factorised anew.
+
     Args:
-        choice: how its sparse systems are solved, where that was chosen before; else as `options.linear_solver` says.
+        choice: the linear solver, where one was chosen before; found by the options otherwise.
     """
 
-    def __init__(self, scene: Scene, options: FullOptions = DEFAULTS, choice: LinearChoice | None = None) -> None:
-        self._scene = scene
-        self._options = options
+    def __init__(self, scene: Scene, options: FullOptions = FullOptions(), choice: LinearChoice | None = None) -> None:
+        self.scene, self.options = scene, options
+        self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
-        self.choice = choice or choose(scene, options.linear_solver)
-        exact = self._newton or options.quasistatic
-        self._hessian = TurnedHessian(scene, self.choice, exact=exact, inertia=not options.quasistatic)
-        self._factorised_at: Array | None = None
-        self.factorisations = 0
+        self._total_mass = float(scene.mass.sum())
+        self._threads = threading.local()
 
-    def step(
-        self, state: FullState, grabs: Sequence[Grab], conditions: Conditions = STILL
-    ) -> tuple[FullState, Solution]:
+    def rest(self) -> FullState:
+        """The undeformed solid, without velocity."""
+        zero = np.zeros((self.scene.mesh.n_vertices, 3))
+        return FullState.moving(zero, zero)
+
+    def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
+        bench, options = self._bench(), self.options
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
-        if excess > self._options.factor_cost:
+        if excess > options.factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
-        predictor = None if self._options.quasistatic else 2 * state.u - state.u_previous
-        potential = IncrementalPotential(self._scene, predictor, grabs, conditions.gravity)
-        x, guesses = _initial_guess(potential, state, self._scene.pinned, conditions.prescribed)
+        predictor = None if options.quasistatic else 2 * state.u - state.u_previous
+        potential = IncrementalPotential(self.scene, predictor, loads.grabs, loads.gravity)
+        x, guesses = self._initial_guess(potential, state, loads)
         if self._newton:
             u_factor = x.reshape(-1, 3).copy()
-        self._prepare(u_factor, x, grabs)
+        bench.prepare(u_factor, x, loads.grabs)
 
         def refactorise(trial: Array, iteration: int) -> bool:
             nonlocal u_factor, fresh
-            if iteration == 0 or (iteration % self._options.factor_cost and not self._newton):
+            if iteration == 0 or (iteration % options.factor_cost and not self._newton):
                 return False
             u_factor, fresh = trial.reshape(-1, 3).copy(), -1
-            self._prepare(u_factor, trial, grabs)
+            bench.prepare(u_factor, trial, loads.grabs)
             return True
 
         solution = minimise(
             potential.value_gradient,
             x,
-            self._hessian.solve,
-            self._options.tolerance,
+            bench.hessian.solve,
+            options.tolerance,
             window=0 if self._newton else WINDOW,
-            max_iterations=self._options.max_iterations,
+            max_iterations=options.max_iterations,
             refresh=refactorise,
         )
         if fresh < 0:
@@ -109,56 +119,73 @@ class FullStepper:
         advanced = FullState(x.reshape(-1, 3), state.u, u_factor, fresh, excess)
         return advanced, solution._replace(evaluations=solution.evaluations + guesses)
 
+    def displacement(self, state: FullState) -> Array:
+        """u, (n, 3) float64, metres."""
+        return state.u
+
+    def coordinates(self, state: FullState) -> Array:
+        """u, (3n,) float64, metres."""
+        return state.u.ravel()
+
+    def extent(self, state: FullState) -> float:
+        """The mass-weighted root mean square of u, metres; NaN where the state is not finite."""
+        return float(np.sqrt(np.vdot(state.u, self.scene.mass @ state.u) / self._total_mass))
+
+    def stiffened(self, scale: float) -> FullStepper:
+        """The same steps with the Lamé parameters of the scene times a positive number."""
+        return FullStepper(self.scene.stiffened(scale), self.options, self.choice)
+
+    @property
+    def factorisations(self) -> int:
+        """How many were made in this thread."""
+        return self._bench().factorisations
+
     def worst_cell(self, state: FullState) -> str:
         """The most inverted cell of a state and what may help, in words."""
-        point, J = smallest_volume_ratio(self._scene.elements, state.u)
-        cell = int(self._scene.points.cells[point])
-        centre = self._scene.mesh.vertices[self._scene.mesh.cells[cell]].mean(axis=0)
+        point, J = smallest_volume_ratio(self.scene.elements, state.u)
+        cell = int(self.scene.points.cells[point])
+        centre = self.scene.mesh.vertices[self.scene.mesh.cells[cell]].mean(axis=0)
         return (
             f"cell {cell}, at rest around {np.round(centre, 4).tolist()} m, is inverted (det F = {J:.3g}); use a "
             "smaller time step, a weaker grab, a slower path, or a material that stays finite (stable_neo_hookean, "
             "fixed_corotated)"
         )
 
-    def set_scene(self, scene: Scene) -> None:
-        """Step the same solid under another gravity or with another material from now on (`Scene.changed`)."""
-        if not (np.array_equal(scene.mu, self._scene.mu) and np.array_equal(scene.lam, self._scene.lam)):
-            self._factorised_at = None
-        self._scene = scene
-        self._hessian.set_scene(scene)
+    def _initial_guess(self, potential: IncrementalPotential, state: FullState, loads: Loads) -> tuple[Array, int]:
+        """The better of 2uₙ − uₙ₋₁ and uₙ with the pins in place, (3n,), and the evaluations it took to tell."""
+        moving, still = (2 * state.u - state.u_previous).ravel(), state.u.ravel().copy()
+        pinned = np.zeros_like(state.u)
+        for pins in loads.pins:
+            pinned[pins.vertices] = pins.displacement(self.scene.mesh.vertices)
+        for guess in (moving, still):
+            guess.reshape(-1, 3)[self.scene.pinned] = pinned[self.scene.pinned]
+        scratch = np.empty_like(moving)
+        if potential.value_gradient(moving, scratch) <= potential.value_gradient(still, scratch):
+            return moving, 2
+        return still, 2
 
-    def _prepare(self, u_factor: Array, x: Array, grabs: Sequence[Grab]) -> None:
-        if self._factorised_at is None or not np.array_equal(u_factor, self._factorised_at):
-            self._hessian.factorise(u_factor)
-            self._factorised_at = u_factor.copy()
+    def _bench(self) -> _Factorised:
+        """The factorisation of this thread."""
+        found: _Factorised | None = getattr(self._threads, "bench", None)
+        if found is None:
+            exact = self._newton or self.options.quasistatic
+            hessian = WarpedHessian(self.scene, self.choice, exact=exact, inertia=not self.options.quasistatic)
+            found = self._threads.bench = _Factorised(hessian)
+        return found
+
+
+class _Factorised:
+    """A Hessian and where it is factorised."""
+
+    def __init__(self, hessian: WarpedHessian) -> None:
+        self.hessian = hessian
+        self.factorisations = 0
+        self._at: Array | None = None
+
+    def prepare(self, u_factor: Array, x: Array, grabs: tuple[Grab, ...]) -> None:
+        """The inverse made at one displacement, (n, 3), warped to another, (3n,), with the grabs."""
+        if self._at is None or not np.array_equal(u_factor, self._at):
+            self.hessian.factorise(u_factor)
+            self._at = u_factor.copy()
             self.factorisations += 1
-        self._hessian.prepare(x.reshape(-1, 3), grabs)
-
-
-def _initial_guess(
-    potential: IncrementalPotential, state: FullState, pinned: NDArray[np.bool_], prescribed: Array | None
-) -> tuple[Array, int]:
-    """The better of 2uₙ − uₙ₋₁ and uₙ with the pins in place, (3n,), and the number of evaluations it took to tell."""
-    moving, still = (2 * state.u - state.u_previous).ravel(), state.u.ravel().copy()
-    if prescribed is not None:
-        moving.reshape(-1, 3)[pinned] = prescribed
-        still.reshape(-1, 3)[pinned] = prescribed
-    scratch = np.empty_like(moving)
-    if potential.value_gradient(moving, scratch) <= potential.value_gradient(still, scratch):
-        return moving, 2
-    return still, 2
-
-
-def run(
-    stepper: FullStepper, tracker: GrabTracker, state: FullState, frames: range
-) -> Iterator[tuple[int, FullState, Solution]]:
-    """Step through the frames of a motion; yields each frame with its state and the solver's record.
-
-    Raises:
-        SolverError: a step can only start from a state of infinite energy, because a cell is inverted.
-    """
-    for frame in frames:
-        state, solution = stepper.step(state, tracker.grabs(frame, state.u), tracker.conditions(frame))
-        if solution.reason == Reason.INFINITE_START or not np.isfinite(state.u).all():
-            raise SolverError(f"frame {frame}: {solution.reason.words}; {stepper.worst_cell(state)}")
-        yield frame, state, solution
+        self.hessian.prepare(x.reshape(-1, 3), grabs)

@@ -13,8 +13,9 @@ from numba.core import types
 from numba.experimental import structref
 from numpy.typing import NDArray
 
-from ldsim.dynamics.reduced.minimiser import Options, step
+from ldsim.dynamics.reduced.minimiser import Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
+from ldsim.dynamics.reduced.state import fields
 from ldsim.jit import njit
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ class Reference(structref.StructRefProxy):
 structref.define_proxy(Reference, _Reference, ["content"])  # type: ignore[no-untyped-call]
 
 
-def step_reference(model: Reduced, springs: Springs, options: Options, work: Work) -> Reference:
+def step_reference(model: Reduced, springs: Springs, options: Minimisation, work: Work) -> Reference:
     """What stays from step to step; targets and stiffnesses of the grabs may be changed in place."""
     return Reference((model, springs, options, work))
 
@@ -61,18 +62,19 @@ def advance(
     """
     reduced, springs, options, work = reference.content
     r, k = work.g.shape[0], work.q.shape[0]
-    q, H = 3 * r, 3 * r + 2 * k
-    new[:r] = state[:r]
-    new[H:] = state[H:]
-    predictor = new[q : q + k]
+    z, z_previous, guess, q, q_previous, H = fields(state, r, k)
+    z_new, z_before, guess_new, q_new, q_before, H_new = fields(new, r, k)
+    z_new[:] = z
+    H_new[:] = H
+    predictor = q_new  # read as q̂ while the step runs; φ(z) takes its place afterwards
     for j in range(k):
-        predictor[j] = 2.0 * state[q + j] - state[q + k + j]
-    H_new = new[H:].reshape(r, r)
-    result = step(reduced, springs, predictor, state[2 * r : q], new[:r], H_new, renew, options, work)
+        predictor[j] = 2.0 * q[j] - q_previous[j]
+    result = step(reduced, springs, predictor, guess, z_new, H_new, renew, options, work)
     for i in range(r):
-        new[r + i] = state[i]
-        new[2 * r + i] = new[i] + 2.0 * (new[i] - state[i]) - (state[i] - state[r + i])
+        z_before[i] = z[i]
+        # quadratic extrapolation: the change of the last step, plus the change of that change
+        guess_new[i] = z_new[i] + 2.0 * (z_new[i] - z[i]) - (z[i] - z_previous[i])
     for j in range(k):
-        new[q + j] = work.q[j]
-        new[q + k + j] = state[q + j]
+        q_new[j] = work.q[j]
+        q_before[j] = q[j]
     return result

@@ -41,7 +41,7 @@ class Method(IntEnum):
 LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
 
 
-class Options(NamedTuple):
+class Minimisation(NamedTuple):
     """How to minimise.
 
     tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). method: a number of `Method`. current: precondition with the
@@ -94,7 +94,7 @@ def _solve_cholesky(L: Array, x: Array) -> None:
 
 
 @kernel()
-def _precondition(model: Reduced, springs: Springs, z: Array, options: Options, H: Array, work: Work) -> None:
+def _precondition(model: Reduced, springs: Springs, z: Array, options: Minimisation, H: Array, work: Work) -> None:
     """H ← the inverse of the tangent at z or at rest; kept as it is where that has no factor."""
     decode(model.layers, z, work.hidden, work.q)
     if model.layers.sizes.shape[0] > 1:
@@ -161,7 +161,7 @@ def step(
     z: Array,
     H: Array,
     renew: bool,
-    options: Options,
+    options: Minimisation,
     work: Work,
 ) -> tuple[int, int, int, float, float]:
     """One step of implicit Euler from q̂ = 2qₙ − qₙ₋₁ (paper, Eq. 12).

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
-from ldsim.mechanics.motion import Drag, GrabTracker, Motion, Support
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam

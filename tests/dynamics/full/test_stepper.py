@@ -15,7 +15,8 @@ from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.elastic import elastic_energy
 from ldsim.mechanics.materials import MATERIALS
-from ldsim.mechanics.motion import Drag, Grab, GrabTracker, Motion
+from ldsim.mechanics.loads import Grab, MotionLoads
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam

@@ -17,7 +17,8 @@ from ldsim.dynamics.reduced.minimiser import Method
 from ldsim.dynamics.reduced.potential import value_gradient
 from ldsim.dynamics.reduced.stepper import Prescribed, ReducedState, ReducedStepper
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
-from ldsim.mechanics.motion import Conditions, Grab, GrabTracker, Motion, Support
+from ldsim.mechanics.loads import Loads, Grab, MotionLoads
+from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam

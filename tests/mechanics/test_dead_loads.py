@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import SceneError
-from ldsim.mechanics.loads import body_force, pressure_force, surface_force
+from ldsim.mechanics.dead_loads import body_force, pressure_force, surface_force
 from ldsim.mechanics.quadrature import quadrature
 from ldsim.mechanics.regions import Ball, Box, Slab
 from ldsim.mesh.shapes import beam, cross

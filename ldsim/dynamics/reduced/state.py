@@ -1,0 +1,105 @@
+"""The state of a reduced run, and the one place that knows how it lies in memory."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.jit import njit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@njit(cache=True, inline="always")
+def fields(data: Array, r: int, k: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """z, z_previous, guess, (r,) each; q, q_previous, (k,) each; H, (r, r): views of (3r + 2k + r²,) numbers.
+
+    They lie in one array because each array that crosses into compiled code takes time.
+    """
+    q, H = 3 * r, 3 * r + 2 * k
+    return data[:r], data[r : 2 * r], data[2 * r : q], data[q : q + k], data[q + k : H], data[H:].reshape(r, r)
+
+
+class ReducedState:
+    """All that the next step depends on; a step makes a new one and leaves the old one as it is.
+
+    Attributes:
+        data: all numbers below, one after another (`fields`), (3r + 2k + r²,) float64.
+        r, k: latent and outer dimension.
+        usable: whether H was made; otherwise the next step makes it.
+        held: the vertices of the grabs that H includes.
+        fresh_iterations: iterations of the step that made H; excess: iterations beyond those since.
+        a, a_previous: where moved pins were in the last two frames, (l,) float64 (`space.lifting`); None at rest.
+    """
+
+    __slots__ = ("a", "a_previous", "data", "excess", "fresh_iterations", "held", "k", "r", "usable")
+
+    def __init__(
+        self,
+        data: Array,
+        dimensions: tuple[int, int],
+        preconditioner: tuple[bool, tuple[Indices, ...], int, int] = (False, (), 0, 0),
+        pins: tuple[Array | None, Array | None] = (None, None),
+    ) -> None:
+        self.data = data
+        self.r, self.k = dimensions
+        self.usable, self.held, self.fresh_iterations, self.excess = preconditioner
+        self.a, self.a_previous = pins
+
+    @classmethod
+    def moving(cls, z: Array, z_previous: Array, q: Array, q_previous: Array) -> ReducedState:
+        """The state of two frames, with nothing known of what came before.
+
+        Args:
+            z, z_previous: latent coordinates of the last two frames, (r,).
+            q, q_previous: outer coordinates, (k,). They need not be φ(z): a state taken from the full space keeps the
+                projection of its displacement.
+        """
+        r = len(z)
+        numbers = (z, z_previous, 2 * z - z_previous, q, q_previous, np.eye(r).ravel())
+        return cls(np.concatenate(numbers), (r, len(q)))
+
+    def renewed(self) -> ReducedState:
+        """The same, but the next step makes its preconditioner anew."""
+        state = ReducedState(self.data.copy(), (self.r, self.k), pins=(self.a, self.a_previous))
+        state.H[:] = np.eye(self.r)
+        return state
+
+    def standing(self) -> ReducedState:
+        """The same shape without velocity and with nothing kept from earlier steps."""
+        state = ReducedState.moving(self.z, self.z, self.q, self.q)
+        state.a = state.a_previous = self.a
+        return state
+
+    @property
+    def z(self) -> Array:
+        """Latent coordinates, (r,) float64."""
+        return self.data[: self.r]
+
+    @property
+    def z_previous(self) -> Array:
+        return self._field(1)
+
+    @property
+    def guess(self) -> Array:
+        """Where to start the next step, (r,) float64."""
+        return self._field(2)
+
+    @property
+    def q(self) -> Array:
+        """Outer coordinates, (k,) float64."""
+        return self._field(3)
+
+    @property
+    def q_previous(self) -> Array:
+        return self._field(4)
+
+    @property
+    def H(self) -> Array:
+        """The preconditioner, an estimate of the inverse Hessian, (r, r) float64."""
+        return self._field(5)
+
+    def _field(self, number: int) -> Array:
+        found: Array = fields.py_func(self.data, self.r, self.k)[number]
+        return found
