@@ -11,8 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.scene import Scene, uniform_scene
 from ldsim.mesh.mesh import Mesh
+from ldsim.space.basis import Basis
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import IDENTITY
+from ldsim.space.lifting import Lifting
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 STEPS = 1e-2 / 2.0 ** np.arange(7)
@@ -100,3 +106,17 @@ def full_disk(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def reduced_space(
+    body: Scene,
+    U: Array,
+    decoder: Decoder | None = None,
+    rule: CubatureRule | None = None,
+    lifting: Lifting | None = None,
+) -> Space:
+    """The space u = U φ(z) of a basis (3n, k): linear without a decoder, with every point without a rule."""
+    basis = Basis.of(U, body.mass)
+    decoder = Decoder.identity(basis.k) if decoder is None else decoder
+    rule = CubatureRule.every(body) if rule is None else rule
+    return Space("reduced", body, basis, decoder, IDENTITY, rule, lifting)

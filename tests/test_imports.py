@@ -57,6 +57,7 @@ OWNERS = {
     "matplotlib": ("report",),
     "PIL": ("report",),
     "onnx": ("export/onnx",),
+    "safetensors": ("export/arrays",),
     "click": ("cli",),
     "tqdm": ("cli",),
     "websockets": ("viewer",),

@@ -9,8 +9,8 @@ import click
 
 from ldsim import __version__
 from ldsim.export.formats import FORMATS, Choice, export
-from ldsim.export.source import SPACES, Source
 from ldsim.jit import one_thread
+from ldsim.run import SPACES, Run
 
 EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, entry in FORMATS.items())
 
@@ -22,7 +22,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--playground", is_flag=True, help="The same as --format playground.")
 @click.option("--motion", metavar="NAME", help="Which motion; left out, the run's first.")
 @click.option("--space", default="latent", show_default=True, metavar="|".join(SPACES), help="Which space's run of it.")
-@click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Only every so-manyth frame.")
+@click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Every N-th frame alone.")
 @click.option("--output", type=click.Path(path_type=Path), help="File or new folder; left out, RUN/export/….")
 def command(
     run: Path, name: str | None, playground: bool, motion: str | None, space: str, every: int, output: Path | None
@@ -30,7 +30,7 @@ def command(
     if playground == (name is not None):
         raise click.UsageError("give --format NAME or --playground")
     started = time.perf_counter()
-    with one_thread():
-        path, what = export(Source(run), Choice(name or "playground", motion, space, every), output)
+    with one_thread(), Run.open(run) as opened:
+        path, what = export(opened, Choice(name or "playground", motion, space, every), output)
     megabytes = sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])) / 1e6
     click.echo(f"{path}: {what}, {megabytes:.1f} MB ({time.perf_counter() - started:.1f} s)")

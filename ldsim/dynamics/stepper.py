@@ -91,7 +91,7 @@ def simulate(
     frames: range | None = None,
     held: Mapping[int, Indices] | None = None,
 ) -> Iterator[Frame[S]]:
-    """Step through a motion, frame by frame: the one time loop. It ends with the motion, or with the frame it is lost in.
+    """Step through a motion, frame by frame: the one time loop. It ends with the motion, or where the run is lost.
 
     Args:
         start: the state before the first frame; rest where it is left out.

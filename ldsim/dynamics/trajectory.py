@@ -42,7 +42,7 @@ class Trajectory:
 
     @property
     def relative_error(self) -> float | None:
-        """The online error: mean vertex distance to the full-space run over its mean displacement; None if not known."""
+        """The online error: mean vertex distance to the full-space run over its mean displacement, if known."""
         return _ratio(self.mean_error, self.mean_displacement)
 
     @property

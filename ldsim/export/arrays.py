@@ -2,49 +2,51 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors.numpy import save
 
 from ldsim.dynamics.reduced.stepper import reduced_mass, reduced_rest_stiffness
-from ldsim.export.source import ReducedSpace, Source, surface_of
 from ldsim.mechanics.scene import Scene
+from ldsim.mesh.surface import Surface
+from ldsim.run import Run
+from ldsim.space.basis import Basis
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
 
 # A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the weight.
 PULL_RADIUS, PULL_REACH = 0.03, 0.1
-TYPES = {"f8": "F64", "f4": "F32", "i8": "I64", "i4": "I32", "i1": "I8", "u1": "U8"}
 
 
-def model_arrays(source: Source) -> Arrays:
+def model_arrays(run: Run) -> Arrays:
     """Every array of the reduced model, as docs/export.md lists them; float64 and int32, SI units."""
-    scene = source.scene
-    surface = surface_of(scene.mesh)
-    pull = default_pull(source)
+    scene = run.scene
+    surface = Surface.of(scene.mesh)
+    pull = default_pull(run)
     arrays: Arrays = {
         "vertices": scene.mesh.vertices,
-        "basis": source.basis,
-        "surface_triangles": surface.vertices[surface.triangles],
+        "basis": run.basis.matrix,
+        "surface_triangles": surface.vertices[surface.triangles].astype(np.int32),
         "movable": scene.movable.astype(np.uint8),
         "time_step": np.array([scene.time_step]),
         "gravity": scene.gravity,
         "pull_radius": np.array([pull[0]]),
         "pull_stiffness": np.array([pull[1]]),
     }
-    for name, space in source.spaces.items():
-        arrays |= {f"{name}/{key}": values for key, values in space_arrays(scene, space).items()}
+    for name in ("latent", "linear"):
+        arrays |= {f"{name}/{key}": values for key, values in space_arrays(run.space(name)).items()}
     return arrays
 
 
-def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
+def space_arrays(space: Space) -> Arrays:
     """One space: the decoder's layers, the cubature's strain maps and materials, M̃, K̃₀ and the unit loads."""
-    layers, points, U = space.decoder.layers, space.cubature.points, space.U
-    elements = scene.elements
+    scene, basis, rule = space.scene, space.reduced_basis, space.rule
+    layers, points, elements = space.decoder.layers, rule.points, scene.elements
     return {
         "sizes": layers.sizes.astype(np.int32),
         "weights": layers.weights,
@@ -52,60 +54,44 @@ def space_arrays(scene: Scene, space: ReducedSpace) -> Arrays:
         "rest": layers.rest,
         "skip": layers.skip,
         "activation": np.array([layers.activation], dtype=np.int32),
-        "strain_maps": space.cubature.strain_maps(scene, U),
-        "cubature_weights": np.ascontiguousarray(space.cubature.weights),
+        "strain_maps": rule.strain_maps(scene, basis.matrix),
+        "cubature_weights": np.ascontiguousarray(rule.weights),
         "material": elements.kind[points].astype(np.int32),
         "mu": elements.mu[points],
         "lam": elements.lam[points],
-        "mass": reduced_mass(scene, U),
-        "rest_stiffness": reduced_rest_stiffness(scene, U),
-        "unit_loads": unit_loads(scene, U),
-        "load": U.T @ scene.force(np.zeros(3)).ravel(),
+        "mass": reduced_mass(scene, basis),
+        "rest_stiffness": reduced_rest_stiffness(scene, basis),
+        "unit_loads": unit_loads(scene, basis),
+        "load": basis.matrix.T @ scene.force(np.zeros(3)).ravel(),
     }
 
 
-def unit_loads(scene: Scene, U: Array) -> Array:
+def unit_loads(scene: Scene, basis: Basis) -> Array:
     """Uᵀ f of a gravity of 1 m/s² along each axis, (3, k) float64; Uᵀ f_ext is their sum times g, and the dead load."""
-    loads: Array = np.einsum("n,nak->ak", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))
+    loads: Array = np.einsum("n,nak->ak", scene.vertex_mass, basis.fields)
     return loads
 
 
-def default_pull(source: Source) -> tuple[float, float]:
+def default_pull(run: Run) -> tuple[float, float]:
     """Radius in m and stiffness in N/m of a pull: those of the run's first drag, if it has one."""
-    for name in source.motions:
-        for drag in source.recorded(name).motion.drags:
+    for name in run.snapshots.names:
+        for drag in run.recorded(name).motion.drags:
             return drag.radius, drag.stiffness
-    diagonal = source.scene.mesh.diagonal
-    return PULL_RADIUS * diagonal, 10.0 * float(source.scene.mass.sum()) / (PULL_REACH * diagonal)
+    diagonal = run.scene.mesh.diagonal
+    return PULL_RADIUS * diagonal, 10.0 * float(run.scene.mass.sum()) / (PULL_REACH * diagonal)
 
 
-def write_npz(source: Source, path: Path) -> None:
+def write_npz(run: Run, path: Path) -> None:
     """Write the model for NumPy; an array's name has a slash where it belongs to one space."""
     with path.open("wb") as stream:
-        np.savez_compressed(stream, **model_arrays(source))  # type: ignore[arg-type]
+        np.savez_compressed(stream, **model_arrays(run))  # type: ignore[arg-type]
 
 
-def write_safetensors(source: Source, path: Path) -> None:
+def write_safetensors(run: Run, path: Path) -> None:
     """Write the model in the safetensors format."""
-    path.write_bytes(safetensors(model_arrays(source), {"experiment": source.experiment, "generator": "ldsim"}))
+    path.write_bytes(safetensors(model_arrays(run), {"experiment": run.experiment, "generator": "ldsim"}))
 
 
 def safetensors(arrays: Mapping[str, NDArray[np.generic]], notes: Mapping[str, str]) -> bytes:
-    """A safetensors file: the header's length, the header as JSON, the arrays one after another (huggingface format).
-
-    The widest types come first and the header is padded to eight bytes, so that every array is aligned.
-    """
-    header: dict[str, object] = {"__metadata__": dict(notes)}
-    parts, offset = [], 0
-    for name in sorted(arrays, key=lambda key: (-arrays[key].dtype.itemsize, key)):
-        little = np.ascontiguousarray(arrays[name].astype(arrays[name].dtype.newbyteorder("<"), copy=False))
-        header[name] = {
-            "dtype": TYPES[little.dtype.str[1:]],
-            "shape": list(little.shape),
-            "data_offsets": [offset, offset + little.nbytes],
-        }
-        parts.append(little.tobytes())
-        offset += little.nbytes
-    text = json.dumps(header, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 8)
-    return b"".join([len(text).to_bytes(8, "little"), text, *parts])
+    """A safetensors file in memory; its arrays are aligned."""
+    return save({name: np.ascontiguousarray(values) for name, values in arrays.items()}, metadata=dict(notes))

@@ -15,12 +15,13 @@ from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
 from ldsim.export.pictures import write_mp4, write_webm, write_webp
+from ldsim.export.playback import Playback, playback
 from ldsim.export.playground import write_playground
-from ldsim.export.source import Playback, Source
 from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
 from ldsim.export.usd import write_usd
 from ldsim.export.vtk import write_vtu_series
 from ldsim.export.xdmf import write_xdmf
+from ldsim.run import Run
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Format:
     meaning: str
     suffix: str = ""
     motion: Callable[[Playback, Path], None] | None = None
-    model: Callable[[Source, Path], None] | None = None
+    model: Callable[[Run, Path], None] | None = None
     extra: Extra | None = None
 
 
@@ -78,7 +79,7 @@ class Choice:
     every: int = 1
 
 
-def export(source: Source, choice: Choice, output: Path | None = None) -> tuple[Path, str]:
+def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, str]:
     """Write a run in a format; returns where and what was written.
 
     Args:
@@ -97,25 +98,25 @@ def export(source: Source, choice: Choice, output: Path | None = None) -> tuple[
             f"run {wanted.extra.install}"
         )
     if wanted.model is not None:
-        name = f"{source.folder.resolve().name}{wanted.suffix or '-' + choice.format}"
-        path = _output(source, wanted, name, output)
+        name = f"{run.folder.resolve().name}{wanted.suffix or '-' + choice.format}"
+        path = _output(run, wanted, name, output)
         with _writing(path, wanted) as temporary:
-            wanted.model(source, temporary)
+            wanted.model(run, temporary)
         return path, "the reduced model"
     assert wanted.motion is not None, "a format writes a motion or a model"
-    playback = source.playback(choice.motion, choice.space).thinned(choice.every)
-    name = f"{playback.title}{wanted.suffix or '-' + choice.format}"
-    path = _output(source, wanted, name, output)
+    played = playback(run, choice.motion, choice.space).thinned(choice.every)
+    name = f"{played.title}{wanted.suffix or '-' + choice.format}"
+    path = _output(run, wanted, name, output)
     with _writing(path, wanted) as temporary:
-        wanted.motion(playback, temporary)
-    lost = f", {playback.lost} left out because the run diverged" if playback.lost else ""
-    return path, f"{playback.frames} frames of {playback.motion} in the {playback.space} space{lost}"
+        wanted.motion(played, temporary)
+    lost = f", {played.lost} left out because the run diverged" if played.lost else ""
+    return path, f"{played.frames} frames of {played.motion} in the {played.space} space{lost}"
 
 
-def _output(source: Source, wanted: Format, name: str, output: Path | None) -> Path:
+def _output(run: Run, wanted: Format, name: str, output: Path | None) -> Path:
     """Where to write; a folder that someone named is never replaced."""
     if output is None:
-        return source.folder / "export" / name
+        return run.folder / "export" / name
     if wanted.suffix and output.suffix != wanted.suffix:
         raise ExportError(f"the output {output} has the suffix {output.suffix!r}; expected {wanted.suffix!r}")
     if output.is_dir() and wanted.suffix:

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ldsim.export.source import Playback, surface_of
+from ldsim.export.playback import Playback
+from ldsim.mesh.surface import Surface
 from ldsim.report.camera import upright
 from ldsim.report.drawing import CLAY
 
@@ -62,7 +63,7 @@ def write_glb(playback: Playback, path: Path) -> None:
         ExportError: the motion is of the full space, which has no basis.
     """
     U, coordinates = playback.reduced("glTF")
-    surface = surface_of(playback.mesh)
+    surface = Surface.of(playback.mesh)
     rest = playback.mesh.vertices[surface.vertices]
     reach = np.abs(coordinates).max(axis=0)
     reach[reach == 0] = 1.0

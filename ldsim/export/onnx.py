@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.export.source import Source
+from ldsim.run import Run
 from ldsim.space.activation import ACTIVATIONS
 
 Array = NDArray[np.float64]
@@ -18,9 +18,9 @@ OPSET, IR_VERSION = 17, 8
 OPERATORS = {"elu": "Elu", "relu": "Relu", "tanh": "Tanh", "sigmoid": "Sigmoid"}
 
 
-def write_onnx(source: Source, folder: Path) -> None:
+def write_onnx(run: Run, folder: Path) -> None:
     """Write decoder.onnx, z (N, r) → q (N, k), and encoder.onnx, q (N, k) → z (N, r); float32, any batch size N."""
-    decoder, encoder = source.model.decoder, source.model.encoder
+    decoder, encoder = run.model.decoder, run.model.encoder
     activation = next(name for name, number in ACTIVATIONS.items() if number == decoder.layers.activation)
     folder.mkdir(exist_ok=True)
     _write(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ldsim.export.source import Playback
+from ldsim.export.playback import Playback
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at_broadside, upright
 from ldsim.report.drawing import Picture, moving_pictures, on_white, webp

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors
-from ldsim.export.source import Source
+from ldsim.run import Run
 from ldsim.report.camera import first_look
 from ldsim.web import bundle, inlined, playground, playground_style
 
@@ -21,22 +21,22 @@ from ldsim.web import bundle, inlined, playground, playground_style
 SINGLE = ("vertices", "basis")
 
 
-def write_playground(source: Source, path: Path) -> None:
+def write_playground(run: Run, path: Path) -> None:
     """Write the page; both reduced spaces go into it, the latent one is shown first."""
-    scene = source.scene
+    scene = run.scene
     mesh = scene.mesh
-    about = first_look(scene) | {"title": source.experiment, "cells": mesh.n_cells, "cell_type": mesh.cell_type}
+    about = first_look(scene) | {"title": run.experiment, "cells": mesh.n_cells, "cell_type": mesh.cell_type}
     script = (
         f'<script type="application/json" id="about">{inlined(about)}</script>\n'
-        f'<script type="application/octet-stream" id="model">{packed_model(source)}</script>\n'
+        f'<script type="application/octet-stream" id="model">{packed_model(run)}</script>\n'
         f"<script>{bundle('playground')}</script>"
     )
     path.write_text(playground(f"<style>{playground_style()}</style>", script), encoding="utf-8")
 
 
-def packed_model(source: Source) -> str:
+def packed_model(run: Run) -> str:
     """The model's arrays as safetensors in base64."""
     arrays: dict[str, NDArray[np.generic]] = {
-        name: values.astype(np.float32) if name in SINGLE else values for name, values in model_arrays(source).items()
+        name: values.astype(np.float32) if name in SINGLE else values for name, values in model_arrays(run).items()
     }
-    return base64.b64encode(safetensors(arrays, {"experiment": source.experiment})).decode("ascii")
+    return base64.b64encode(safetensors(arrays, {"experiment": run.experiment})).decode("ascii")

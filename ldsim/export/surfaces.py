@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.export.source import Playback, surface_of
+from ldsim.export.playback import Playback
+from ldsim.mesh.surface import Surface
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
@@ -27,7 +28,7 @@ def write_ply_sequence(playback: Playback, folder: Path) -> None:
 def _write_sequence(
     playback: Playback, folder: Path, suffix: str, content: Callable[[Array, Triangles], bytes]
 ) -> None:
-    surface = surface_of(playback.mesh)
+    surface = Surface.of(playback.mesh)
     digits = len(str(playback.frames - 1))
     for frame in range(playback.frames):
         positions = (playback.mesh.vertices + playback.displacement(frame))[surface.vertices]

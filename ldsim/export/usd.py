@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.export.source import Playback, surface_of
+from ldsim.export.playback import Playback
 from ldsim.mesh.mesh import Mesh
+from ldsim.mesh.surface import Surface
 
 
 def write_usd(playback: Playback, path: Path) -> None:
@@ -44,7 +45,7 @@ def _define_surface(stage: Any, solid: Mesh, U: NDArray[np.float64]) -> list[str
     """The mesh at /solid/surface and its blend shapes; returns their names."""
     from pxr import UsdGeom, UsdSkel, Vt
 
-    surface = surface_of(solid)
+    surface = Surface.of(solid)
     rest = solid.vertices[surface.vertices].astype(np.float32)
     mesh = UsdGeom.Mesh.Define(stage, "/solid/surface")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(rest))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.export.source import Playback
+from ldsim.export.playback import Playback
 
 VTK_CELL = {"tet4": 10, "hex8": 12}
 TYPE_NAMES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}

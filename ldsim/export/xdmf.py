@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ldsim.export.source import Playback
+from ldsim.export.playback import Playback
 
 TOPOLOGY = {"tet4": "Tetrahedron", "hex8": "Hexahedron"}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,3 +75,29 @@ def coarsened(positions: NDArray[np.float64], triangles: NDArray[np.integer], li
     first = np.argmin(merged[whole], axis=1)
     turned = np.take_along_axis(merged[whole], (first[:, None] + np.arange(3)) % 3, axis=1)
     return np.unique(turned, axis=0).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The boundary of a mesh with its own numbering, for drawing and picking.
+
+    Attributes:
+        vertices: the mesh's vertices on it, (v,) int64, ascending.
+        rest: their rest positions, (v, 3) float64, metres.
+        triangles: (t, 3) int32 indices into `vertices`, counter-clockwise seen from outside.
+    """
+
+    vertices: NDArray[np.int64]
+    rest: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Surface:
+        """The boundary of a mesh."""
+        triangles = surface_triangles(mesh)
+        vertices, local = np.unique(triangles, return_inverse=True)
+        return cls(
+            vertices.astype(np.int64),
+            mesh.vertices[vertices],
+            local.reshape(triangles.shape).astype(np.int32),
+        )

@@ -9,7 +9,7 @@
 """
 
 from ldsim.simulator.loading import full_simulator, load
-from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
+from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.simulator.simulator import Handle, Simulator
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "SavedState",
     "Simulator",
     "StepRecord",
-    "Surface",
     "full_simulator",
     "load",
 ]

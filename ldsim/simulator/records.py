@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.mechanics.loads import Grab, MovedPins
-from ldsim.mechanics.scene import Scene
-from ldsim.mesh.surface import surface_triangles
 from ldsim.optimise.solution import Reason
 
 Array = NDArray[np.float64]
@@ -53,32 +51,6 @@ class StepRecord:
         if self.outcome == Outcome.SOLVED:
             return ""
         return f"step {self.number}: {self.reason.words}; {self.outcome.value}"
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """The boundary, for drawing and picking.
-
-    Attributes:
-        vertices: the mesh's vertices on it, (v,) int64, ascending.
-        rest: their rest positions, (v, 3) float64, metres.
-        triangles: (t, 3) int32 indices into `vertices`, counter-clockwise seen from outside.
-    """
-
-    vertices: NDArray[np.int64]
-    rest: Array
-    triangles: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, scene: Scene) -> Surface:
-        """The boundary of a scene's mesh."""
-        triangles = surface_triangles(scene.mesh)
-        vertices, local = np.unique(triangles, return_inverse=True)
-        return cls(
-            vertices.astype(np.int64),
-            scene.mesh.vertices[vertices],
-            local.reshape(triangles.shape).astype(np.int32),
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,9 @@ from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.loads import Grab, Loads, MovedPins, held_vertices, usual_grip
 from ldsim.mechanics.motion import Drag
+from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
-from ldsim.simulator.records import Outcome, SavedState, StepRecord, Surface
+from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
@@ -74,7 +75,7 @@ class Simulator:
 
     def __init__(self, space: Space, stepper: Stepper[Any], bound: float = BOUND) -> None:
         self.space, self.scene = space, space.scene
-        self.surface = Surface.of(self.scene)
+        self.surface = Surface.of(self.scene.mesh)
         self._own_stepper = self._stepper = stepper
         self._limit = bound * self.scene.mesh.diagonal
         self._gravity: Array | None = None

@@ -93,7 +93,7 @@ class Lifting:
             if moved is vertices or np.array_equal(vertices, moved):
                 return i
         raise MotionError(
-            f"{len(moved)} pins move, the first at vertex {moved[0]}, for which this space was not prepared (`Lifting.of`)"
+            f"{len(moved)} pins move, the first at vertex {moved[0]}; this space was not prepared for them"
         )
 
     def displacements(self, motion: Motion) -> Callable[[int, int], Array]:

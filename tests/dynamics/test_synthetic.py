@@ -14,7 +14,6 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
-from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pulls import PullOptions, random_pulls
 from ldsim.mechanics.scene import Scene

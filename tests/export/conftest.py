@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.export.source import Source
+from ldsim.run import Run
+from ldsim.export.playback import playback
 from tests.report.small_run import write_run
 
 

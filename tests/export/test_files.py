@@ -13,7 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz, write_safetensors
-from ldsim.export.source import Playback, Source, surface_of
+from ldsim.export.playback import Playback
+from ldsim.run import Run
+from ldsim.mesh.surface import Surface
+from ldsim.export.playback import playback
 from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
 from ldsim.export.vtk import write_vtu_series
 from ldsim.export.xdmf import write_xdmf
@@ -87,7 +90,7 @@ def test_xdmf_gives_back_the_mesh_displacements_and_times(source: Source, tmp_pa
 def test_a_surface_sequence_gives_back_the_deformed_boundary(source: Source, tmp_path: Path, suffix: str) -> None:
     playback = source.playback("push", "latent")
     (write_obj_sequence if suffix == "obj" else write_ply_sequence)(playback, tmp_path)
-    surface = surface_of(playback.mesh)
+    surface = Surface.of(playback.mesh)
     files = sorted(tmp_path.iterdir())
     assert len(files) == playback.frames
     for frame, path in enumerate(files):
@@ -98,7 +101,7 @@ def test_a_surface_sequence_gives_back_the_deformed_boundary(source: Source, tmp
 
 
 def test_the_surface_is_closed_and_faces_outward(source: Source) -> None:
-    surface = surface_of(source.scene.mesh)
+    surface = Surface.of(source.scene.mesh)
     corners = source.scene.mesh.vertices[surface.vertices][surface.triangles]
     volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
     assert volume == pytest.approx(source.scene.points.weights.sum())

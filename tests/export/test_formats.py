@@ -10,7 +10,8 @@ import pytest
 from ldsim.errors import ExportError
 from ldsim.export import formats
 from ldsim.export.formats import FORMATS, Choice, Extra, Format, export
-from ldsim.export.source import Source
+from ldsim.run import Run
+from ldsim.export.playback import playback
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from ldsim.errors import ExportError
 from ldsim.export.gltf import normal_derivative, vertex_normals, write_glb
-from ldsim.export.source import Source, surface_of
+from ldsim.run import Run
+from ldsim.mesh.surface import Surface
+from ldsim.export.playback import playback
 from tests.helpers import derivative_order
 
 Array = NDArray[np.float64]
@@ -74,7 +76,7 @@ def test_playing_the_morph_targets_gives_the_deformed_surface(source: Source, sp
     times, weights = accessor(sampler["input"]), accessor(sampler["output"])
     rest = accessor(primitive["attributes"]["POSITION"])
     targets = np.stack([accessor(target["POSITION"]) for target in primitive["targets"]])
-    surface = surface_of(playback.mesh)
+    surface = Surface.of(playback.mesh)
     np.testing.assert_array_equal(accessor(primitive["indices"]).reshape(-1, 3), surface.triangles)
     np.testing.assert_allclose(times, [playback.time(i) for i in range(playback.frames)], rtol=1e-6)
     assert np.abs(weights).max() <= 1
@@ -85,7 +87,7 @@ def test_playing_the_morph_targets_gives_the_deformed_surface(source: Source, sp
 
 
 def test_the_morphed_normals_are_those_of_the_deformed_surface_to_first_order(source: Source) -> None:
-    surface = surface_of(source.scene.mesh)
+    surface = Surface.of(source.scene.mesh)
     x = source.scene.mesh.vertices[surface.vertices]
     d = source.basis[:, 2].reshape(-1, 3)[surface.vertices]
     order = derivative_order(

@@ -12,7 +12,9 @@ import pytest
 
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.playground import write_playground
-from ldsim.export.source import Source, surface_of
+from ldsim.run import Run
+from ldsim.mesh.surface import Surface
+from ldsim.export.playback import playback
 from ldsim.mechanics.loads import Grab
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 
@@ -111,7 +113,7 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, sou
     for _ in range(STEPS):
         state, _ = stepper.step(state, [grab])
     u = stepper.displacement(state)
-    surface = surface_of(body.mesh)
+    surface = Surface.of(body.mesh)
     assert np.abs(u).max() > 0.01 * body.mesh.diagonal
     np.testing.assert_allclose(seen, (body.mesh.vertices + u)[surface.vertices], atol=1e-6 * body.mesh.diagonal)
     assert opened.complaints == []

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.arrays import safetensors, space_arrays
-from ldsim.export.source import ReducedSpace
+from ldsim.space.space import Space
 from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
 from ldsim.mechanics.loads import MotionLoads, held_vertices
 from ldsim.mechanics.motion import Drag, Motion

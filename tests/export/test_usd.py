@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldsim.export.source import Source, surface_of
+from ldsim.run import Run
+from ldsim.mesh.surface import Surface
+from ldsim.export.playback import playback
 from ldsim.export.usd import write_usd
 
 
@@ -20,7 +22,7 @@ def test_usd_plays_the_motion(source: Source, tmp_path: Path) -> None:
     write_usd(playback, path)
     stage = Usd.Stage.Open(str(path))
     assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetDefaultPrim()), Gf.Interval(0, playback.frames - 1))
-    surface = surface_of(playback.mesh)
+    surface = Surface.of(playback.mesh)
     points = stage.GetPrimAtPath("/solid/surface").GetAttribute("points")
     for frame in range(playback.frames):
         expected = (playback.mesh.vertices + playback.displacement(frame))[surface.vertices]

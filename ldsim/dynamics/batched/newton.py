@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ldsim.dynamics.batched.potential import BatchedModel, Conditions
+from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
 from ldsim.optimise.minimiser import ARMIJO, MAX_BACKTRACKS, ROUNDOFF
 from ldsim.optimise.solution import Reason
 
@@ -61,7 +61,7 @@ class _Line(NamedTuple):
 
 def minimise(
     model: BatchedModel,
-    conditions: Conditions,
+    loads: BatchedLoads,
     predictor: Tensor,
     start: Tensor,
     z: Tensor,
@@ -77,12 +77,12 @@ def minimise(
     Returns:
         The minimisers, (n, r), never worse than the guess beyond rounding, and the record.
     """
-    value, g = model.value_gradient(conditions, predictor, start)
+    value, g = model.value_gradient(loads, predictor, start)
     evaluations = torch.ones(len(z), dtype=torch.int64, device=z.device)
     z = torch.where((value < torch.inf)[:, None], start, z)
     outside = torch.nonzero(~(value < torch.inf)).flatten()
     if len(outside):
-        value[outside], g[outside] = model.value_gradient(conditions.of(outside), predictor[outside], z[outside])
+        value[outside], g[outside] = model.value_gradient(loads.of(outside), predictor[outside], z[outside])
         evaluations[outside] += 1
     iterations = torch.zeros_like(evaluations)
     reason = torch.where(value < torch.inf, RUNNING, int(Reason.INFINITE_START))
@@ -92,7 +92,7 @@ def minimise(
         running = torch.nonzero(reason == RUNNING).flatten()
         if len(running) == 0 or iteration == most:
             break
-        part, ahead = conditions.of(running), predictor[running]
+        part, ahead = loads.of(running), predictor[running]
         d = newton_direction(model.hessian(part, ahead, z[running]), g[running])
         line = _Line(z[running], d, value[running], (g[running] * d).sum(1))
         found, z_new, value_new, g_new, tried = _search(model, part, ahead, line)
@@ -120,7 +120,7 @@ def newton_direction(H: Tensor, g: Tensor) -> Tensor:
 
 
 def _search(
-    model: BatchedModel, conditions: Conditions, predictor: Tensor, line: _Line
+    model: BatchedModel, loads: BatchedLoads, predictor: Tensor, line: _Line
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Backtracking along each line; whether a step was accepted, and z, E, ∇E and the evaluations made."""
     count = len(line.z)
@@ -135,7 +135,7 @@ def _search(
             break
         part = line.of(rows)
         trial = part.z + length[rows, None] * part.d
-        E, gradient = model.value_gradient(conditions.of(rows), predictor[rows], trial)
+        E, gradient = model.value_gradient(loads.of(rows), predictor[rows], trial)
         slope = (gradient * part.d).sum(1)
         tried[rows] += 1
         good = accepts(part, length[rows], E, slope)

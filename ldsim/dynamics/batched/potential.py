@@ -16,22 +16,21 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import BY_NUMBER, Material
-from ldsim.dynamics.reduced.stepper import reduced_mass
-from ldsim.mechanics.scene import Scene
-from ldsim.space.decoder import Decoder
+from ldsim.dynamics.reduced.stepper import MovingPins, reduced_mass
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
 
-class Conditions(NamedTuple):
+class BatchedLoads(NamedTuple):
     """What acts on each of n instances in a step, g springs each.
 
     B (n, g, 3, k) and centre (n, g, 3), m: the centroid of what a grab holds is centre + B q. target (n, g, 3), m.
     stiffness (n, g), N/m; zero for no grab. gravity (n, 3), m/s². mu, lam (n,): factors of the scene's Lamé parameters;
-    the same factor in both scales Young's modulus.
+    the same factor in both scales Young's modulus. a (n, l): where moved pins are (`space.lifting`); change (n, l):
+    aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in.
     """
 
     B: Tensor
@@ -41,10 +40,12 @@ class Conditions(NamedTuple):
     gravity: Tensor
     mu: Tensor
     lam: Tensor
+    a: Tensor
+    change: Tensor
 
-    def of(self, instances: Tensor | slice) -> Conditions:
+    def of(self, instances: Tensor | slice) -> BatchedLoads:
         """Those of some instances."""
-        return Conditions(*(values[instances] for values in self))
+        return BatchedLoads(*(values[instances] for values in self))
 
 
 class Part(NamedTuple):
@@ -63,6 +64,7 @@ class BatchedModel:
         weights (c,) m³; mu, lam (c,) Pa.
         inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
         load: the scene's dead load, (k,), N.
+        lifted: ∂F/∂a of every point, (9, l, c); momentum: UᵀML/h², (k, l). l is 0 where all pins stand still.
     """
 
     decoder: BatchedDecoder
@@ -74,110 +76,109 @@ class BatchedModel:
     inertia: Tensor
     weight: Tensor
     load: Tensor
+    lifted: Tensor
+    momentum: Tensor
 
     @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        U: Array,
-        decoder: Decoder,
-        cubature: CubatureRule,
-        device: torch.device,
-        dtype: torch.dtype,
-    ) -> BatchedModel:
+    def of(cls, space: Space, device: torch.device, dtype: torch.dtype) -> BatchedModel:
         def tensor(values: Array) -> Tensor:
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
 
-        elements = scene.elements
-        order = np.argsort(elements.kind[cubature.points], kind="stable")
-        points, weights = cubature.points[order], np.asarray(cubature.weights)[order]
+        scene, basis, rule = space.scene, space.reduced_basis, space.rule
+        elements, pins = scene.elements, MovingPins.of(space)
+        order = np.argsort(elements.kind[rule.points], kind="stable")
+        points, weights = rule.points[order], np.asarray(rule.weights)[order]
         kinds, starts = np.unique(elements.kind[points], return_index=True)
         stops = [*starts[1:], len(points)]
         return cls(
-            BatchedDecoder.of(decoder, device, dtype),
+            BatchedDecoder.of(space.decoder, device, dtype),
             tuple(
                 Part(BY_NUMBER[int(kind)], slice(int(start), int(stop)))
                 for kind, start, stop in zip(kinds, starts, stops, strict=True)
             ),
-            tensor(cubature.strain_maps(scene, U)[order].transpose(1, 2, 0)),
+            tensor(rule.strain_maps(scene, basis.matrix)[order].transpose(1, 2, 0)),
             tensor(weights),
             tensor(elements.mu[points]),
             tensor(elements.lam[points]),
-            tensor(reduced_mass(scene, U) / scene.time_step**2),
-            tensor(np.einsum("v,vik->ik", scene.vertex_mass, U.reshape(scene.mesh.n_vertices, 3, -1))),
-            tensor(U.T @ scene.force(np.zeros(3)).ravel()),
+            tensor(reduced_mass(scene, basis) / scene.time_step**2),
+            tensor(np.einsum("v,vik->ik", scene.vertex_mass, basis.fields)),
+            tensor(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),
+            tensor(pins.strain[order].transpose(1, 2, 0)),
+            tensor(pins.inertia),
         )
 
-    def _strains(self, q: Tensor) -> Tensor:
+    def _strains(self, q: Tensor, loads: BatchedLoads) -> Tensor:
         """F of every point, (3, 3, n, c)."""
         F = torch.matmul(q, self.G)
+        if self.lifted.shape[1]:
+            F = F + torch.matmul(loads.a, self.lifted)
         F[::4] += 1
         return F.reshape(3, 3, *F.shape[1:])
 
-    def _parts(self, conditions: Conditions) -> Iterator[tuple[Material, slice, Tensor, Tensor]]:
+    def _parts(self, loads: BatchedLoads) -> Iterator[tuple[Material, slice, Tensor, Tensor]]:
         """Each material with its points and their moduli in every instance, (n, c)."""
         for material, points in self.parts:
             yield (
                 material,
                 points,
-                conditions.mu[:, None] * self.mu[points],
-                conditions.lam[:, None] * self.lam[points],
+                loads.mu[:, None] * self.mu[points],
+                loads.lam[:, None] * self.lam[points],
             )
 
-    def _stresses(self, conditions: Conditions, F: Tensor) -> Tensor:
+    def _stresses(self, loads: BatchedLoads, F: Tensor) -> Tensor:
         """w P of every point, (9, n, c)."""
-        parts = [material.stress(F[..., at], mu, lam) for material, at, mu, lam in self._parts(conditions)]
+        parts = [material.stress(F[..., at], mu, lam) for material, at, mu, lam in self._parts(loads)]
         return (torch.cat(parts, dim=-1) * self.weights).flatten(0, 1)
 
-    def _force(self, conditions: Conditions, predictor: Tensor, q: Tensor, F: Tensor) -> Tensor:
+    def _force(self, loads: BatchedLoads, predictor: Tensor, q: Tensor, F: Tensor) -> Tensor:
         """∂E/∂q, (n, k), N."""
-        elastic = torch.matmul(self._stresses(conditions, F), self.G.transpose(1, 2)).sum(0)
-        springs = torch.einsum("ng,ngi,ngik->nk", conditions.stiffness, self._pulls(conditions, q), conditions.B)
-        return (q - predictor) @ self.inertia - self._dead(conditions) + elastic + springs
+        elastic = torch.matmul(self._stresses(loads, F), self.G.transpose(1, 2)).sum(0)
+        springs = torch.einsum("ng,ngi,ngik->nk", loads.stiffness, self._pulls(loads, q), loads.B)
+        return (q - predictor) @ self.inertia - self._dead(loads) + elastic + springs
 
-    def _dead(self, conditions: Conditions) -> Tensor:
-        """Weight and load, (n, k), N."""
-        return conditions.gravity @ self.weight + self.load
+    def _dead(self, loads: BatchedLoads) -> Tensor:
+        """Weight and load, and what moving pins take along, (n, k), N."""
+        return loads.gravity @ self.weight + self.load - loads.change @ self.momentum.T
 
     @staticmethod
-    def _pulls(conditions: Conditions, q: Tensor) -> Tensor:
+    def _pulls(loads: BatchedLoads, q: Tensor) -> Tensor:
         """c(q) − target of every spring, (n, g, 3), m."""
-        return conditions.centre - conditions.target + torch.einsum("ngik,nk->ngi", conditions.B, q)
+        return loads.centre - loads.target + torch.einsum("ngik,nk->ngi", loads.B, q)
 
-    def value_gradient(self, conditions: Conditions, predictor: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
+    def value_gradient(self, loads: BatchedLoads, predictor: Tensor, z: Tensor) -> tuple[Tensor, Tensor]:
         """E(z), J, (n,), and its gradient, N, (n, r); E is infinite, never NaN, where it is not defined.
 
         Args:
             predictor: q̂ = 2qₙ − qₙ₋₁, (n, k).
         """
         q, outputs = self.decoder.forward(z)
-        F, offset = self._strains(q), q - predictor
-        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self._dead(conditions) * q).sum(1)
-        value = value + 0.5 * (conditions.stiffness * (self._pulls(conditions, q) ** 2).sum(2)).sum(1)
-        for material, at, mu, lam in self._parts(conditions):
+        F, offset = self._strains(q, loads), q - predictor
+        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self._dead(loads) * q).sum(1)
+        value = value + 0.5 * (loads.stiffness * (self._pulls(loads, q) ** 2).sum(2)).sum(1)
+        for material, at, mu, lam in self._parts(loads):
             value = value + material.density(F[..., at], mu, lam) @ self.weights[at]
-        gradient, _ = self.decoder.pull_back(outputs, self._force(conditions, predictor, q, F))
+        gradient, _ = self.decoder.pull_back(outputs, self._force(loads, predictor, q, F))
         return torch.where(value < torch.inf, value, torch.inf), gradient
 
-    def hessian(self, conditions: Conditions, predictor: Tensor, z: Tensor) -> Tensor:
+    def hessian(self, loads: BatchedLoads, predictor: Tensor, z: Tensor) -> Tensor:
         """∂²E/∂z², (n, r, r): exact, the decoder's second derivative included, and not clamped."""
         at = self.decoder.tangents(z)
-        J, F = at.jacobian, self._strains(at.q)
+        J, F = at.jacobian, self._strains(at.q, loads)
         X = torch.matmul(J, self.G[:, None]).reshape(3, 3, *J.shape[:2], -1)
         T = torch.cat(
             [
                 material.tangent(F[..., None, part], X[..., part], mu[:, None], lam[:, None])
-                for material, part, mu, lam in self._parts(conditions)
+                for material, part, mu, lam in self._parts(loads)
             ],
             dim=-1,
         )
         H = torch.matmul((T * self.weights).flatten(0, 1), X.flatten(0, 1).transpose(-1, -2)).sum(0)
-        BJ = torch.einsum("ngik,nrk->ngir", conditions.B, J)
+        BJ = torch.einsum("ngik,nrk->ngir", loads.B, J)
         H = H + J @ self.inertia @ J.transpose(1, 2)
-        H = H + torch.einsum("ng,ngia,ngib->nab", conditions.stiffness, BJ, BJ)
-        H = H + self.decoder.curvature(at, self._force(conditions, predictor, at.q, F))
+        H = H + torch.einsum("ng,ngia,ngib->nab", loads.stiffness, BJ, BJ)
+        H = H + self.decoder.curvature(at, self._force(loads, predictor, at.q, F))
         return 0.5 * (H + H.transpose(1, 2))
 
-    def virtual_work(self, conditions: Conditions, predictor: Tensor, q: Tensor, y: Tensor) -> Tensor:
+    def virtual_work(self, loads: BatchedLoads, predictor: Tensor, q: Tensor, y: Tensor) -> Tensor:
         """Σ over instances of y · ∂E/∂q at q, J; differentiable in all that acts."""
-        return (y * self._force(conditions, predictor, q, self._strains(q))).sum()
+        return (y * self._force(loads, predictor, q, self._strains(q, loads))).sum()

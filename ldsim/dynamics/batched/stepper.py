@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
-from ldsim.dynamics.batched.potential import BatchedModel, Conditions
-from ldsim.dynamics.reduced.stepper import ReducedState
+from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
+from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.errors import SolverError
-from ldsim.mechanics.loads import Grab
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.loads import Loads
 from ldsim.optimise.solution import Reason
-from ldsim.space.decoder import Decoder
+from ldsim.space.lifting import Lifting
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
@@ -36,12 +35,15 @@ class BatchedState:
     Attributes:
         z, z_previous: latent coordinates of the last two frames, (n, r).
         q, q_previous: outer coordinates of the last two frames, (n, k).
+        a, a_previous: where moved pins were in the last two frames, (n, l) (`space.lifting`).
     """
 
     z: Tensor
     z_previous: Tensor
     q: Tensor
     q_previous: Tensor
+    a: Tensor
+    a_previous: Tensor
 
     def of(self, instances: Tensor | slice) -> BatchedState:
         """The state of some instances."""
@@ -49,9 +51,13 @@ class BatchedState:
 
     def serial(self, instance: int) -> ReducedState:
         """One instance, for `ReducedStepper`."""
-        return ReducedState.moving(
-            *(getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self))
+        z, z_previous, q, q_previous, a, a_previous = (
+            getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self)
         )
+        state = ReducedState.moving(z, z_previous, q, q_previous)
+        if len(a):
+            state.a, state.a_previous = a, a_previous
+        return state
 
 
 class BatchedStepper:
@@ -63,7 +69,6 @@ class BatchedStepper:
     backwards costs one solve with the r × r Hessian, not the iterations.
 
     Args:
-        points, weights: the cubature, (c,) indices of quadrature points and (c,) weights in m³.
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N. Single precision does not reach the default; 1e-3 is a
             start, and where it is too little the step ends with `NO_DECREASE` at the best point found.
         device: "cpu", "cuda", or "cuda:1" and so on.
@@ -75,10 +80,7 @@ class BatchedStepper:
 
     def __init__(
         self,
-        scene: Scene,
-        U: Array,
-        decoder: Decoder,
-        cubature: CubatureRule,
+        space: Space,
         *,
         tolerance: float = 1e-8,
         max_iterations: int = 100,
@@ -91,69 +93,87 @@ class BatchedStepper:
         if torch.device(device).type == "cuda" and not torch.cuda.is_available():
             raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
         self.device, self.dtype = torch.device(device), dtype
-        self.model = BatchedModel.of(scene, U, decoder, cubature, self.device, dtype)
+        self.model = BatchedModel.of(space, self.device, dtype)
         self.tolerance, self.max_iterations = tolerance, max_iterations
         room = LARGEST_TEMPORARY.get(self.device.type, LARGEST_TEMPORARY["cpu"])
-        self.piece = max(piece or room // (9 * decoder.r * max(len(cubature.points), 1)), 1)
-        self._vertices = scene.mesh.vertices
-        self._U = U.reshape(scene.mesh.n_vertices, 3, -1)
-        self._gravity = self.tensor(scene.gravity)
+        self.piece = max(piece or room // (9 * space.decoder.r * max(len(space.rule.points), 1)), 1)
+        self.space, self.scene = space, space.scene
+        self._lifting = Lifting.of(space.scene, ()) if space.lifting is None else space.lifting
+        self._gravity = self.tensor(space.scene.gravity)
 
     def tensor(self, values: object) -> Tensor:
         """Numbers as a tensor of this stepper's type on its device."""
         return torch.as_tensor(values, dtype=self.dtype, device=self.device)
 
-    def at_rest(self, n: int) -> BatchedState:
+    def rest(self, n: int = 1) -> BatchedState:
         """n instances at rest."""
-        r, k = self.model.decoder.r, self.model.decoder.k
-        z, q = self.tensor(np.zeros((n, r))), self.tensor(np.zeros((n, k)))
-        return BatchedState(z, z, q, q)
+        sizes = (self.model.decoder.r, self.model.decoder.k, self._lifting.count)
+        z, q, a = (self.tensor(np.zeros((n, size))) for size in sizes)
+        return BatchedState(z, z, q, q, a, a)
 
     def state(self, states: Sequence[ReducedState]) -> BatchedState:
         """A batch of serial states."""
-        names = [entry.name for entry in fields(BatchedState)]
-        return BatchedState(*(self.tensor(np.stack([getattr(s, name) for s in states])) for name in names))
+        names = ("z", "z_previous", "q", "q_previous")
+        moving = [self.tensor(np.stack([getattr(s, name) for s in states])) for name in names]
+        still = np.zeros(self._lifting.count)
+        now = [still if s.a is None else s.a for s in states]
+        before = [still if s.a_previous is None else s.a_previous for s in states]
+        return BatchedState(*moving, self.tensor(np.array(now)), self.tensor(np.array(before)))
 
-    def conditions(self, grabs: Sequence[Sequence[Grab]]) -> Conditions:
-        """What acts on one instance for each entry of `grabs`, with the scene's gravity and material.
+    def loads(self, loads: Sequence[Loads]) -> BatchedLoads:
+        """What acts on one instance for each entry, with the scene's material.
 
-        Change them with `_replace`: `conditions._replace(target=…, gravity=…)`.
+        Change it with `_replace`: `loads._replace(target=…, gravity=…)`.
+
+        Raises:
+            MotionError: they move pins that the space was not prepared for.
         """
-        n, most, k = len(grabs), max((len(some) for some in grabs), default=0), self._U.shape[2]
-        known: dict[int, tuple[Array, Array]] = {}
-        B, centre = np.zeros((n, most, 3, k)), np.zeros((n, most, 3))
+        n, most = len(loads), max((len(each.grabs) for each in loads), default=0)
+        U, L, rest = self.space.reduced_basis.fields, self._lifting, self.scene.mesh.vertices
+        a = np.array([L.at(each.pins) for each in loads]).reshape(n, L.count)
+        by_vertex = L.fields.reshape(len(rest), 3, L.count)
+        known: dict[int, tuple[Array, Array, Array]] = {}
+        B, centre = np.zeros((n, most, 3, U.shape[2])), np.zeros((n, most, 3))
         target, stiffness = np.zeros((n, most, 3)), np.zeros((n, most))
-        for i, some in enumerate(grabs):
-            for j, grab in enumerate(some):
-                if id(grab.vertices) not in known:
-                    held = grab.vertices
-                    known[id(held)] = self._U[held].mean(axis=0), self._vertices[held].mean(axis=0)
-                B[i, j], centre[i, j] = known[id(grab.vertices)]
+        for i, each in enumerate(loads):
+            for j, grab in enumerate(each.grabs):
+                held = grab.vertices
+                if id(held) not in known:
+                    known[id(held)] = U[held].mean(axis=0), rest[held].mean(axis=0), by_vertex[held].mean(axis=0)
+                B[i, j], centre[i, j], lifted = known[id(held)]
+                centre[i, j] += lifted @ a[i]
                 target[i, j], stiffness[i, j] = grab.target, grab.stiffness
         ones = self.tensor(np.ones(n))
         springs = [self.tensor(values) for values in (B, centre, target, stiffness)]
-        return Conditions(springs[0], springs[1], springs[2], springs[3], self._gravity.expand(n, 3), ones, ones)
+        own = [self._gravity if each.gravity is None else self.tensor(each.gravity) for each in loads]
+        pins = self.tensor(a)
+        return BatchedLoads(
+            *(springs[0], springs[1], springs[2], springs[3]),
+            *(torch.stack(own), ones, ones, pins, torch.zeros_like(pins)),
+        )
 
-    def step(self, state: BatchedState, conditions: Conditions) -> tuple[BatchedState, BatchedSolution]:
+    def step(self, state: BatchedState, loads: BatchedLoads) -> tuple[BatchedState, BatchedSolution]:
         """Advance every instance by one time step; the given state is unchanged.
 
         An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
         lets no gradient through; the others do not notice.
         """
         records: list[BatchedSolution] = []
+        loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
-        z = _Step.apply(self, records, state.z.detach(), state.z_previous.detach(), predictor, *conditions)  # type: ignore[no-untyped-call]
+        z = _Step.apply(self, records, state.z.detach(), state.z_previous.detach(), predictor, *loads)  # type: ignore[no-untyped-call]
         q = self.model.decoder(z)
         stayed = (records[0].reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
-        return BatchedState(z, state.z, q, state.q), records[0]
+        return BatchedState(z, state.z, q, state.q, loads.a, state.a), records[0]
 
     def displacement(self, state: BatchedState, vertices: NDArray[np.int64]) -> Tensor:
-        """u = U q of some vertices, (n, v, 3), metres; differentiable."""
-        return torch.einsum("vik,nk->nvi", self.tensor(self._U[vertices]), state.q)
+        """u = U q + L a of some vertices, (n, v, 3), metres; differentiable."""
+        fields = self.tensor(self.space.fields[vertices])
+        return torch.einsum("vik,nk->nvi", fields, torch.cat([state.q, state.a], dim=1))
 
     def solve(
-        self, z: Tensor, z_previous: Tensor, predictor: Tensor, conditions: Conditions
+        self, z: Tensor, z_previous: Tensor, predictor: Tensor, loads: BatchedLoads
     ) -> tuple[Tensor, BatchedSolution]:
         """The minimisers of one step, piece by piece."""
         done: list[tuple[Tensor, BatchedSolution]] = []
@@ -162,7 +182,7 @@ class BatchedStepper:
             start = 2 * z[some] - z_previous[some]
             done.append(
                 minimise(
-                    self.model, conditions.of(some), predictor[some], start, z[some],
+                    self.model, loads.of(some), predictor[some], start, z[some],
                     self.tolerance, self.max_iterations,
                 )
             )  # fmt: skip
@@ -170,19 +190,19 @@ class BatchedStepper:
         record = BatchedSolution(*(torch.cat([getattr(part, name) for _, part in done]) for name in names))
         return torch.cat([part for part, _ in done]), record
 
-    def adjoint(self, z: Tensor, predictor: Tensor, conditions: Conditions, gradient: Tensor) -> Tensor:
+    def adjoint(self, z: Tensor, predictor: Tensor, loads: BatchedLoads, gradient: Tensor) -> Tensor:
         """J H⁻¹ ∂L/∂z, (n, k): how far each instance's q gives way to the loss's pull on z; ∂L/∂z is (n, r)."""
         ways: list[Tensor] = []
         for first in range(0, len(z), self.piece):
             some = slice(first, first + self.piece)
-            H = self.model.hessian(conditions.of(some), predictor[some], z[some])
+            H = self.model.hessian(loads.of(some), predictor[some], z[some])
             solved, _ = torch.linalg.solve_ex(H, gradient[some, :, None])
             ways.append(torch.einsum("nrk,nr->nk", self.model.decoder.tangents(z[some]).jacobian, solved[:, :, 0]))
         return torch.cat(ways)
 
 
 class _Step(torch.autograd.Function):
-    """z* = argmin E(z; q̂, conditions) with its derivative by the implicit function theorem."""
+    """z* = argmin E(z; q̂, loads) with its derivative by the implicit function theorem."""
 
     @staticmethod
     def forward(
@@ -192,12 +212,12 @@ class _Step(torch.autograd.Function):
         z: Tensor,
         z_previous: Tensor,
         predictor: Tensor,
-        *conditions: Tensor,
+        *loads: Tensor,
     ) -> Tensor:
-        solved, record = stepper.solve(z, z_previous, predictor, Conditions(*conditions))
+        solved, record = stepper.solve(z, z_previous, predictor, BatchedLoads(*loads))
         records.append(record)
         ctx.stepper = stepper
-        ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *conditions)
+        ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *loads)
         return solved
 
     @staticmethod
@@ -208,12 +228,12 @@ class _Step(torch.autograd.Function):
         wanted = ctx.needs_input_grad[4:]
         if not any(wanted):
             return (None,) * (4 + len(saved))
-        predictor, conditions = saved[0], Conditions(*saved[1:])
-        y = stepper.adjoint(z, predictor, conditions, gradient)
+        predictor, loads = saved[0], BatchedLoads(*saved[1:])
+        y = stepper.adjoint(z, predictor, loads, gradient)
         y = torch.where(lost[:, None], 0.0, y)
         with torch.enable_grad():
             inputs = [value.detach().requires_grad_(need) for value, need in zip(saved, wanted, strict=True)]
             q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
-            work = stepper.model.virtual_work(Conditions(*inputs[1:]), inputs[0], q, y)
+            work = stepper.model.virtual_work(BatchedLoads(*inputs[1:]), inputs[0], q, y)
             found = iter(torch.autograd.grad(-work, [value for value in inputs if value.requires_grad]))
         return (None, None, None, None, *(next(found) if need else None for need in wanted))

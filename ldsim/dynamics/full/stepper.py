@@ -9,6 +9,7 @@ Hessian in every iteration.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import WarpedHessian
+from ldsim.dynamics.stepper import Frame
+from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import smallest_volume_ratio
 from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.scene import Scene
@@ -172,6 +175,19 @@ class FullStepper:
             hessian = WarpedHessian(self.scene, self.choice, exact=exact, inertia=not self.options.quasistatic)
             found = self._threads.bench = _Factorised(hessian)
         return found
+
+
+def none_lost(stepper: FullStepper, frames: Iterator[Frame[FullState]]) -> Iterator[Frame[FullState]]:
+    """The frames of a run.
+
+    Raises:
+        SolverError: one is lost, because a cell is inverted; naming frame and cell, and what may help.
+    """
+    for frame in frames:
+        if frame.lost:
+            reason = frame.solution.reason.words
+            raise SolverError(f"frame {frame.number}: {reason}; {stepper.worst_cell(frame.state)}")
+        yield frame
 
 
 class _Factorised:

@@ -16,6 +16,7 @@ from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Grab, Loads, MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -85,7 +86,7 @@ class ReducedStepper:
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
-        self._pins = _Pins.of(space) if space.lifting is not None and space.lifting.count else None
+        self._pins = MovingPins.of(space) if space.lifting is not None and space.lifting.count else None
         self._dimensions = (space.decoder.r, space.decoder.k)
         method = Method[options.method.upper()]
         self._renewal_cost = RENEWAL_COST[method]
@@ -138,6 +139,10 @@ class ReducedStepper:
         if self._pins is not None:
             pins = self._pins.coordinates(loads), state.a
             self._pins.move(pins[0], state, force, bench, loads.grabs)
+        elif loads.pins:
+            raise MotionError(
+                f"{len(loads.pins[0].vertices)} pins move; the {self.space.name} space has no lifting for them"
+            )
         held = bench.held
         renew = not state.usable or state.excess > self._renewal_cost or not _same(held, state.held)
         data = np.empty(len(state.data))
@@ -237,11 +242,14 @@ class _Bench:
         return step_reference(self.model, self.springs, self._minimisation, self.work)
 
 
-class _Pins(NamedTuple):
+class MovingPins(NamedTuple):
     """What the steps need of moving pins, L.
 
     Attributes:
-        fields: L by vertex, (n, 3, l). strain: at the rule's points, (c, 9, l). inertia: UᵀML/h², (k, l).
+        fields: L by vertex, (n, 3, l).
+        strain: at the rule's points, (c, 9, l), 1/m.
+        inertia: UᵀML/h², (k, l).
+        rest: positions of all vertices, (n, 3), metres.
     """
 
     lifting: Lifting
@@ -251,9 +259,9 @@ class _Pins(NamedTuple):
     rest: Array
 
     @classmethod
-    def of(cls, space: Space) -> _Pins:
-        scene, lifting = space.scene, space.lifting
-        assert lifting is not None
+    def of(cls, space: Space) -> MovingPins:
+        scene = space.scene
+        lifting = Lifting.of(scene, ()) if space.lifting is None else space.lifting
         L = lifting.fields
         momentum = np.asarray(scene.mass @ L.reshape(scene.mesh.n_vertices, -1)).reshape(L.shape)
         inertia = space.reduced_basis.matrix.T @ momentum / scene.time_step**2

@@ -17,8 +17,8 @@ from ldsim.dynamics.batched import BatchedState, BatchedStepper, Conditions
 from ldsim.dynamics.batched.newton import newton_direction
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.errors import SolverError
-from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason

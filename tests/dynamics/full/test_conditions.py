@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper, run
-from ldsim.mechanics.loads import MotionLoads
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.stepper import simulate
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
@@ -22,11 +23,10 @@ Array = NDArray[np.float64]
 
 def states(body: Scene, motion: Motion, tolerance: float = 1e-10) -> list[Array]:
     """The displacement after each frame."""
-    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
     stepper = FullStepper(body, FullOptions(tolerance=tolerance))
-    steps = list(run(stepper, tracker, FullState.at_rest(body.mesh.n_vertices), range(motion.frames)))
-    assert all(solution.converged for _, _, solution in steps)
-    return [state.u for _, state, _ in steps]
+    frames = list(simulate(stepper, motion))
+    assert all(frame.solution.converged for frame in frames)
+    return [frame.state.u for frame in frames]
 
 
 def carried(body: Scene, offsets: Array) -> Support:
@@ -79,9 +79,9 @@ def test_gravity_of_a_motion_takes_the_place_of_the_scene_s() -> None:
     mesh = beam(0.4, 0.1, 0.1, 1)
     track = np.array([[0.0, -9.81, 0.0], [0.0, 0.0, 0.0], [4.0, 0.0, -2.0], [0.0, 9.0, 1.0]])
     given = states(scene(mesh, gravity=(7.0, 7.0, 7.0)), Motion("turning", 4, gravity=track))
-    state = FullState.at_rest(mesh.n_vertices)
+    state = FullStepper(scene(mesh)).rest()
     for g, u in zip(track, given, strict=True):
-        state, _ = FullStepper(scene(mesh, gravity=tuple(g)), FullOptions(tolerance=1e-10)).step(state, [])
+        state, _ = FullStepper(scene(mesh, gravity=tuple(g)), FullOptions(tolerance=1e-10)).step(state, Loads())
         np.testing.assert_allclose(u, state.u, atol=1e-9)
 
 

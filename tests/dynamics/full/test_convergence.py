@@ -46,7 +46,7 @@ def equilibrium(body: Scene, start: Array, method: str = "newton", linear_solver
     stepper = FullStepper(
         body, FullOptions(tolerance=1e-9, method=method, linear_solver=linear_solver, quasistatic=True)
     )
-    state, solution = stepper.step(FullState(start, start, start), [])
+    state, solution = stepper.step(FullState(start, start, start), Loads())
     assert solution.converged, solution.reason.words
     return state.u
 
@@ -126,9 +126,10 @@ def test_the_error_against_a_manufactured_solution_falls_with_the_square_of_the_
 def end_of_swing(steps: int, body: Scene) -> Array:
     """Where a solid that begins to hang at rest is after 0.16 s in a number of steps."""
     body = replace(body, time_step=0.16 / steps)
-    stepper, state = FullStepper(body, FullOptions(tolerance=1e-7)), FullState.at_rest(body.mesh.n_vertices)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-7))
+    state = stepper.rest()
     for _ in range(steps):
-        state, solution = stepper.step(state, [])
+        state, solution = stepper.step(state, Loads())
         assert solution.converged
     return state.u
 
@@ -148,10 +149,10 @@ def test_a_free_spinning_solid_keeps_its_momentum_and_loses_spin_only_as_implici
     x, h = body.mesh.vertices, body.time_step
     stepper = FullStepper(body, FullOptions(tolerance=1e-10))
     velocity = np.cross([1.0, 3.0, -2.0], x - x.mean(axis=0)) + [0.2, -0.1, 0.3]
-    state = replace(FullState.at_rest(len(x)), u_previous=-h * velocity)
+    state = replace(stepper.rest(), u_previous=-h * velocity)
     spins = []
     for _ in range(10):
-        state, solution = stepper.step(state, [])
+        state, solution = stepper.step(state, Loads())
         assert solution.converged
         momentum, before = body.mass @ (state.u - state.u_previous) / h, body.mass @ velocity
         np.testing.assert_allclose(momentum.sum(axis=0), before.sum(axis=0), rtol=1e-7)

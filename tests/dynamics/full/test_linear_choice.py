@@ -9,7 +9,7 @@ from ldsim.dynamics.full.linear_choice import choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.errors import SolverError
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.sparse import factor_bytes
 from tests.helpers import scene
@@ -48,9 +48,9 @@ def test_every_way_of_solving_takes_the_same_steps(rival: tuple[str, str], quasi
         stepper = FullStepper(
             BODY, FullOptions(tolerance=1e-8, method=method, linear_solver=linear_solver, quasistatic=quasistatic)
         )
-        state = FullState.at_rest(BODY.mesh.n_vertices)
+        state = stepper.rest()
         for frame in range(3):
-            state, solution = stepper.step(state, [Grab(held, np.array([0.35, 0.04 * frame, 0.02]), 200.0)])
+            state, solution = stepper.step(state, Loads((Grab(held, np.array([0.35, 0.04 * frame, 0.02]), 200.0),)))
             assert solution.converged
         ends.append(state.u)
     assert np.abs(ends[1]).max() > 1e-3
@@ -59,7 +59,7 @@ def test_every_way_of_solving_takes_the_same_steps(rival: tuple[str, str], quasi
 
 def test_newton_needs_few_iterations_and_a_hessian_in_each() -> None:
     stepper = FullStepper(BODY, FullOptions(tolerance=1e-9, method="newton"))
-    _, solution = stepper.step(FullState.at_rest(BODY.mesh.n_vertices), [])
+    _, solution = stepper.step(stepper.rest(), Loads())
     assert solution.converged
     assert 1 <= solution.iterations <= 4
     assert stepper.factorisations == solution.iterations
@@ -69,6 +69,6 @@ def test_a_quasi_static_frame_does_not_depend_on_the_one_before() -> None:
     n = BODY.mesh.n_vertices
     stepper = FullStepper(BODY, FullOptions(tolerance=1e-9, quasistatic=True))
     moving = FullState(np.zeros((n, 3)), 0.01 * BODY.mesh.vertices, np.zeros((n, 3)))
-    first, _ = stepper.step(FullState.at_rest(n), [])
-    second, _ = stepper.step(moving, [])
+    first, _ = stepper.step(stepper.rest(), Loads())
+    second, _ = stepper.step(moving, Loads())
     np.testing.assert_allclose(first.u, second.u, atol=1e-7 * np.abs(first.u).max())

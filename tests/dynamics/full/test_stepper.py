@@ -11,11 +11,12 @@ from scipy.linalg import eigh
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
-from ldsim.dynamics.full.stepper import FullState, FullStepper, run
+from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
+from ldsim.dynamics.stepper import simulate
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.elastic import elastic_energy
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.materials import MATERIALS
-from ldsim.mechanics.loads import Grab, MotionLoads
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -63,9 +64,10 @@ def test_the_incremental_potential_has_the_gradient_it_says(material: str, cell_
 
 def test_a_body_too_soft_to_matter_falls_freely_far_from_its_pins() -> None:
     body = scene(beam(2.0, 0.1, 0.1, 1), "linear", youngs_modulus=1e-8, gravity=(0.0, -9.81, 2.0))
-    stepper, state = FullStepper(body, FullOptions(tolerance=1e-12)), FullState.at_rest(body.mesh.n_vertices)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-12))
+    state = stepper.rest()
     for n in range(1, 6):
-        state, solution = stepper.step(state, [])
+        state, solution = stepper.step(state, Loads())
         assert solution.converged
         fallen = np.array([0.0, -9.81, 2.0]) * body.time_step**2 * n * (n + 1) / 2
         np.testing.assert_allclose(state.u[tip(body)], np.tile(fallen, (4, 1)), atol=1e-8 * np.abs(fallen).max())
@@ -82,9 +84,9 @@ def test_an_eigenmode_decays_by_the_recursion_of_implicit_euler(mode: int) -> No
     assert damping > 1.05
     q, q_before = 1e-2, 1e-2
     stepper = FullStepper(body, FullOptions(tolerance=1e-11))
-    state = replace(FullState.at_rest(body.mesh.n_vertices), u=q * shape, u_previous=q_before * shape)
+    state = replace(stepper.rest(), u=q * shape, u_previous=q_before * shape)
     for _ in range(8):
-        state, _ = stepper.step(state, [])
+        state, _ = stepper.step(state, Loads())
         q, q_before = (2 * q - q_before) / damping, q
         np.testing.assert_allclose(state.u, q * shape, atol=1e-7 * 1e-2 * np.abs(shape).max())
 
@@ -93,7 +95,8 @@ def hanging_tip(resolution: int) -> float:
     """The tip's static deflection of a cantilever, metres: one step of a time so long that inertia is nothing."""
     mesh = beam(1.0, 0.1, 0.1, resolution, "hex8")
     body = scene(mesh, "linear", youngs_modulus=1e6, poisson_ratio=0.0, time_step=1e6)
-    state, solution = FullStepper(body, FullOptions(tolerance=1e-9)).step(FullState.at_rest(mesh.n_vertices), [])
+    stepper = FullStepper(body, FullOptions(tolerance=1e-9))
+    state, solution = stepper.step(stepper.rest(), Loads())
     assert solution.converged
     return float(state.u[tip(body), 1].mean())
 
@@ -116,10 +119,10 @@ def test_without_forcing_the_energy_never_grows_and_the_solid_comes_to_rest() ->
     start[body.pinned] = 0
     start *= np.minimum(body.mesh.vertices[:, :1] / 0.4, 1)
     stepper = FullStepper(body, FullOptions(tolerance=1e-8))
-    state = replace(FullState.at_rest(body.mesh.n_vertices), u=start, u_previous=start)
+    state = replace(stepper.rest(), u=start, u_previous=start)
     energies = [elastic_energy(body.elements, start)]
     for _ in range(40):
-        state, solution = stepper.step(state, [])
+        state, solution = stepper.step(state, Loads())
         assert solution.converged
         velocity = (state.u - state.u_previous) / body.time_step
         energies.append(elastic_energy(body.elements, state.u) + 0.5 * np.vdot(velocity, body.mass @ velocity))
@@ -129,8 +132,9 @@ def test_without_forcing_the_energy_never_grows_and_the_solid_comes_to_rest() ->
 
 def test_pinned_vertices_do_not_move_and_the_given_state_is_left_alone() -> None:
     body = scene(beam(0.4, 0.1, 0.1, 2, "hex8"))
-    start = FullState.at_rest(body.mesh.n_vertices)
-    state, _ = FullStepper(body).step(start, [])
+    stepper = FullStepper(body)
+    start = stepper.rest()
+    state, _ = stepper.step(start, Loads())
     assert not state.u[body.pinned].any()
     assert state.u[body.free].any()
     assert not start.u.any()
@@ -144,58 +148,56 @@ def pulled() -> tuple[Scene, Motion]:
 
 def test_a_run_interrupted_and_resumed_repeats_the_undisturbed_one_bit_for_bit() -> None:
     body, motion = pulled()
-    rest, movable, n = body.mesh.vertices, body.movable, body.mesh.n_vertices
-    stepper, tracker = FullStepper(body, FullOptions(factor_cost=3)), GrabTracker(motion, rest, movable)
-    states = [state for _, state, _ in run(stepper, tracker, FullState.at_rest(n), range(16))]
+    stepper = FullStepper(body, FullOptions(factor_cost=3))
+    frames = list(simulate(stepper, motion))
+    states, settled = [frame.state for frame in frames], frames[-1].held
     assert stepper.factorisations > 2, "the resumed run must cross a factorisation, or this shows little"
     for frame in (1, 5, 11):
         saved = states[frame]
         copy = FullState(
             saved.u.copy(), saved.u_previous.copy(), saved.u_factor.copy(), saved.fresh_iterations, saved.excess
         )
-        held = {i: vertices.copy() for i, vertices in tracker.held.items() if motion.drags[i].start <= frame}
-        again = GrabTracker(motion, rest, movable, held)
-        resumed = list(run(FullStepper(body, FullOptions(factor_cost=3)), again, copy, range(frame + 1, 16)))
-        for later, state, _ in resumed:
-            np.testing.assert_array_equal(state.u, states[later].u)
-            assert (state.fresh_iterations, state.excess) == (states[later].fresh_iterations, states[later].excess)
+        held = {i: vertices.copy() for i, vertices in settled.items() if motion.drags[i].start <= frame}
+        again = FullStepper(body, FullOptions(factor_cost=3))
+        for later in simulate(again, motion, copy, range(frame + 1, 16), held):
+            expected = states[later.number]
+            np.testing.assert_array_equal(later.state.u, expected.u)
+            assert (later.state.fresh_iterations, later.state.excess) == (expected.fresh_iterations, expected.excess)
 
 
 def test_the_result_of_a_step_does_not_depend_on_where_the_factor_was_made() -> None:
     body, motion = pulled()
-    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
     ends = []
     for factor_cost in (1, 1000):
         stepper = FullStepper(body, FullOptions(tolerance=1e-9, factor_cost=factor_cost))
-        *_, (_, state, _) = run(stepper, tracker, FullState.at_rest(body.mesh.n_vertices), range(10))
-        ends.append(state.u)
+        *_, last = simulate(stepper, motion, frames=range(10))
+        ends.append(last.state.u)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
 
 
 def test_a_strong_grab_takes_the_held_centroid_to_its_target() -> None:
     body, _ = pulled()
     held, target = tip(body), np.array([0.35, 0.1, 0.0])
-    stepper, state = FullStepper(body), FullState.at_rest(body.mesh.n_vertices)
+    stepper = FullStepper(body)
+    state = stepper.rest()
     for _ in range(30):
-        state, _ = stepper.step(state, [Grab(held, target, 1e6)])
+        state, _ = stepper.step(state, Loads((Grab(held, target, 1e6),)))
     np.testing.assert_allclose((body.mesh.vertices + state.u)[held].mean(axis=0), target, atol=1e-4)
 
 
 def test_a_grab_that_hits_no_vertex_stops_the_run_and_says_so() -> None:
     body, motion = pulled()
     lost = Motion("lost", 5, (replace(motion.drags[0], point=np.array([40.0, 0.0, 0.0])),))
-    tracker = GrabTracker(lost, body.mesh.vertices, body.movable)
-    frames = run(FullStepper(body), tracker, FullState.at_rest(body.mesh.n_vertices), range(5))
     with pytest.raises(MotionError, match="the grab at frame 2 hits no vertex"):
-        list(frames)
+        list(simulate(FullStepper(body), lost))
 
 
 def test_a_run_from_an_inverted_state_is_refused_and_names_the_frame() -> None:
     body, motion = pulled()
     inverted = -2.0 * body.mesh.vertices * [1, 0, 0]
     state = FullState(inverted, inverted, np.zeros_like(inverted))
-    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
+    stepper = FullStepper(body)
     with pytest.raises(
         SolverError, match=r"frame 0: the starting point has infinite energy; cell \d+, at rest .* \(det F = -1\)"
     ):
-        list(run(FullStepper(body), tracker, state, range(3)))
+        list(none_lost(stepper, simulate(stepper, motion, state, range(3))))

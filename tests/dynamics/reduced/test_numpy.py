@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
-from ldsim.mechanics.materials import lame_parameters
 from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.materials import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
 from tests.dynamics.reduced.test_stepper import some_basis

@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import grab_rows
-from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.dynamics.reduced.minimiser import Method
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import value_gradient
-from ldsim.dynamics.reduced.stepper import Prescribed, ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
-from ldsim.mechanics.loads import Loads, Grab, MotionLoads
+from ldsim.dynamics.stepper import simulate
+from ldsim.errors import MotionError
+from ldsim.jit import in_threads
+from ldsim.mechanics.loads import Grab, Loads, MovedPins
 from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -27,17 +30,17 @@ from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
 from ldsim.space.pca import orthonormalised
-from tests.helpers import derivative_order, scene
+from tests.helpers import derivative_order, reduced_space, scene
 
 Array = NDArray[np.float64]
 
 MINIMISERS: list[dict[str, object]] = [
-    {"method": Method.LBFGS, "current": False},
-    {"method": Method.LBFGS, "current": False, "inertia_in_metric": False},
-    {"method": Method.LBFGS, "current": True},
-    {"method": Method.BFGS, "current": True},
-    {"method": Method.BFGS, "current": False},
-    {"method": Method.NEWTON, "current": True},
+    {"method": "lbfgs", "current": False},
+    {"method": "lbfgs", "current": False, "inertia": False},
+    {"method": "lbfgs"},
+    {"method": "bfgs"},
+    {"method": "bfgs", "current": False},
+    {"method": "newton"},
 ]
 TET = scene(beam(resolution=1), youngs_modulus=3e4)
 HEX = scene(beam(resolution=1, cell_type="hex8"), youngs_modulus=3e4)
@@ -67,19 +70,26 @@ def curved(k: int, r: int) -> Decoder:
     return Decoder.network(weights, [rng.normal(size=8), np.zeros(k)], "elu", np.eye(r, k))
 
 
-def stepper(body: Scene, U: Array, decoder: Decoder, **options: object) -> ReducedStepper:
-    return ReducedStepper(body, U, decoder, CubatureRule.every(body), **options)  # type: ignore[arg-type]
+def stepper(
+    body: Scene, U: Array, decoder: Decoder, lifting: Lifting | None = None, **options: object
+) -> ReducedStepper:
+    wanted = {"tolerance": 1e-8, "max_iterations": 500} | options
+    return ReducedStepper(reduced_space(body, U, decoder, lifting=lifting), ReducedOptions(**wanted))  # type: ignore[arg-type]
 
 
-def pull(body: Scene, amount: float = 0.05) -> list[Grab]:
+def full_stepper(body: Scene) -> FullStepper:
+    return FullStepper(body, FullOptions(tolerance=1e-9))
+
+
+def pull(body: Scene, amount: float = 0.05) -> Loads:
     tip = np.argsort(body.mesh.vertices[:, 0])[-4:]
-    return [Grab(tip, body.mesh.vertices[tip].mean(axis=0) + [0, amount, amount / 2], 40.0)]
+    return Loads((Grab(tip, body.mesh.vertices[tip].mean(axis=0) + [0, amount, amount / 2], 40.0),))
 
 
-def run(some: ReducedStepper, grabs: list[Grab], frames: int) -> list[ReducedState]:
-    states = [ReducedState.at_rest(some.decoder)]
+def run(some: ReducedStepper, loads: Loads, frames: int) -> list[ReducedState]:
+    states = [some.rest()]
     for _ in range(frames):
-        state, solution = some.step(states[-1], grabs)
+        state, solution = some.step(states[-1], loads)
         assert solution.reason == Reason.CONVERGED
         states.append(state)
     return states[1:]
@@ -89,7 +99,8 @@ def run(some: ReducedStepper, grabs: list[Grab], frames: int) -> list[ReducedSta
 def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None:
     U = full_basis(body)
     reduced = run(stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9), pull(body), 6)
-    full, state = FullStepper(body, FullOptions(tolerance=1e-9)), FullState.at_rest(body.mesh.n_vertices)
+    full = full_stepper(body)
+    state = full.rest()
     for step in reduced:
         state, _ = full.step(state, pull(body))
         np.testing.assert_allclose((U @ step.q).reshape(-1, 3), state.u, atol=1e-8)
@@ -101,11 +112,11 @@ def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
     body = replace(TET, load=load)
     U = full_basis(body)
     linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9)
-    state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
-    full = FullStepper(body, FullOptions(tolerance=1e-9))
+    full = full_stepper(body)
+    state, whole = linear.rest(), full.rest()
     for gravity in (np.array([3.0, -9.0, 1.0]), np.array([0.0, 12.0, -5.0]), None, np.zeros(3)):
-        state, _ = linear.step(state, [], gravity)
-        whole, _ = full.step(whole, [], Conditions(gravity))
+        state, _ = linear.step(state, Loads(gravity=gravity))
+        whole, _ = full.step(whole, Loads(gravity=gravity))
         np.testing.assert_allclose(linear.displacement(state), whole.u, atol=1e-8)
     assert np.abs(whole.u).max() > 1e-3
 
@@ -117,20 +128,24 @@ def shaken(body: Scene, frames: int) -> Motion:
     return Motion("shaken", frames, supports=(Support(np.flatnonzero(body.pinned), maps),))
 
 
+def placed(motion: Motion, frame: int) -> tuple[MovedPins, ...]:
+    return tuple(MovedPins(support.vertices, support.maps[frame]) for support in motion.supports)
+
+
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
 def test_pins_that_move_are_followed_as_in_the_full_space(body: Scene) -> None:
     U, motion = full_basis(body), shaken(body, 6)
     lifting = Lifting.of(body, [motion])
     linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, lifting=lifting)
-    tracker, a = GrabTracker(motion, body.mesh.vertices, body.movable), lifting.coordinates(motion)
-    state, whole = ReducedState.at_rest(linear.decoder), FullState.at_rest(body.mesh.n_vertices)
-    full = FullStepper(body, FullOptions(tolerance=1e-9))
+    full = full_stepper(body)
+    state, whole = linear.rest(), full.rest()
     for frame in range(6):
-        grabs, prescribed = pull(body) if frame > 1 else [], Prescribed.of(a, frame)
-        state, solution = linear.step(state, grabs, None, prescribed)
+        loads = (pull(body) if frame > 1 else Loads())._replace(pins=placed(motion, frame))
+        state, solution = linear.step(state, loads)
         assert solution.reason == Reason.CONVERGED
-        whole, _ = full.step(whole, grabs, tracker.conditions(frame))
-        np.testing.assert_allclose(linear.displacement(state, prescribed), whole.u, atol=1e-8)
+        whole, _ = full.step(whole, loads)
+        np.testing.assert_allclose(linear.displacement(state), whole.u, atol=1e-8)
+        np.testing.assert_allclose(linear.space.fields @ linear.coordinates(state), whole.u, atol=1e-8)
     assert np.abs(whole.u[body.pinned]).max() > 0.005
 
 
@@ -141,9 +156,9 @@ def test_a_latent_space_that_is_linear_follows_moving_pins_as_the_linear_one() -
     ends = []
     for decoder in (Decoder.identity(6), flat):
         some = stepper(TET, U, decoder, tolerance=1e-10, lifting=lifting)
-        a, state = lifting.coordinates(motion), ReducedState.at_rest(decoder)
+        state = some.rest()
         for frame in range(6):
-            state, solution = some.step(state, pull(TET), None, Prescribed.of(a, frame))
+            state, solution = some.step(state, pull(TET)._replace(pins=placed(motion, frame)))
             assert solution.reason == Reason.CONVERGED
         ends.append(state.q)
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-9)
@@ -155,12 +170,15 @@ def test_the_tangent_under_moving_pins_is_that_of_a_basis_that_holds_their_displ
     lifting = Lifting.of(TET, [motion])
     a, q = lifting.coordinates(motion)[0], np.linspace(-0.01, 0.01, 6)
     lifted = stepper(TET, U, Decoder.identity(6), lifting=lifting)
-    lifted.step(ReducedState.at_rest(lifted.decoder), [], None, Prescribed(a, 0 * a))
+    lifted.step(lifted.rest(), Loads(pins=placed(motion, 0)))
     both = stepper(TET, np.hstack([U, lifting.fields]), Decoder.identity(6 + lifting.count))
+    hessians = []
     for some, coordinates in ((lifted, q), (both, np.concatenate([q, a]))):
-        some._work.q[:] = coordinates
-        current_tangent(some._model, some._work)
-    np.testing.assert_allclose(lifted._work.hessian, both._work.hessian[:6, :6], rtol=1e-9, atol=1e-9)
+        model, _, work = some.compiled()
+        work.q[:] = coordinates
+        current_tangent(model, work)
+        hessians.append(work.hessian)
+    np.testing.assert_allclose(hessians[0], hessians[1][:6, :6], rtol=1e-9, atol=1e-9)
 
 
 def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> None:
@@ -195,27 +213,27 @@ def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[st
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
 def test_the_potential_is_that_of_the_full_space_at_the_decoded_state(body: Scene) -> None:
     U, decoder = some_basis(body, 6), curved(6, 4)
-    some, grabs = stepper(body, U, decoder), pull(body)
+    model, springs, work = stepper(body, U, decoder).compiled(pull(body))
     rng = np.random.default_rng(3)
     z, predictor = 0.02 * rng.normal(size=4), 0.02 * rng.normal(size=6)
-    full = IncrementalPotential(body, (U @ predictor).reshape(-1, 3), grabs)
+    full = IncrementalPotential(body, (U @ predictor).reshape(-1, 3), pull(body).grabs)
     force = np.empty(len(U))
     expected = full.value_gradient(U @ decoder(z), force)
     gradient = np.empty(4)
-    value = value_gradient(some._model, some.springs(grabs), predictor, z, some._work, gradient)
+    value = value_gradient(model, springs, predictor, z, work, gradient)
     assert value == pytest.approx(expected, rel=1e-10)
     np.testing.assert_allclose(gradient, decoder.vjp(z, U.T @ force), rtol=1e-9)
 
 
 def test_the_gradient_is_the_derivative_of_the_potential() -> None:
     U, decoder = some_basis(TET, 6), curved(6, 4)
-    some, springs = stepper(TET, U, decoder), stepper(TET, U, decoder).springs(pull(TET))
+    model, springs, work = stepper(TET, U, decoder).compiled(pull(TET))
     rng = np.random.default_rng(4)
     z, d, predictor = 0.05 * rng.normal(size=4), 0.05 * rng.normal(size=4), np.zeros(6)
     gradient = np.empty(4)
 
     def value(x: Array) -> float:
-        return value_gradient(some._model, springs, predictor, x, some._work, gradient)
+        return value_gradient(model, springs, predictor, x, work, gradient)
 
     def slope(x: Array) -> float:
         value(x)
@@ -230,7 +248,7 @@ def test_the_preconditioners_are_the_full_spaces_stiffness_at_rest_and_now_seen_
 ) -> None:
     U, some = some_basis(TET, 6), stepper(TET, some_basis(TET, 6), decoder)
     z = 0.3 * np.random.default_rng(5).normal(size=decoder.r)
-    J, work = decoder.jacobian(z), some._work
+    J, (model, springs, work) = decoder.jacobian(z), some.compiled(pull(TET))
     work.q[:], work.jacobian[:] = decoder(z), J.T
     u = (U @ work.q).reshape(-1, 3)
     pattern = StiffnessPattern(TET.points.nodes, np.arange(TET.mesh.n_vertices), TET.mesh.n_vertices)
@@ -238,11 +256,11 @@ def test_the_preconditioners_are_the_full_spaces_stiffness_at_rest_and_now_seen_
     for tangent, at in ((rest_metric, 0 * u), (current_tangent, u)):
         K = pattern.matrix(pattern.stiffness_blocks(TET.elements, at, clamp=True))
         expected = J.T @ (inertia + U.T @ (K @ U)) @ J
-        tangent(some._model, work)
+        tangent(model, work)
         np.testing.assert_allclose(work.hessian, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-    before, grabs = work.hessian.copy(), pull(TET)
-    add_spring_metric(some.springs(grabs), some._model, work)
-    rows = grab_rows(grabs, TET.mesh.n_vertices) @ U @ J
+    before = work.hessian.copy()
+    add_spring_metric(springs, model, work)
+    rows = grab_rows(pull(TET).grabs, TET.mesh.n_vertices) @ U @ J
     np.testing.assert_allclose(work.hessian - before, rows.T @ rows, rtol=0, atol=1e-9 * np.abs(before).max())
 
 
@@ -269,12 +287,12 @@ def test_a_step_leaves_its_state_as_it_was() -> None:
 def test_a_state_of_another_model_is_refused() -> None:
     some = stepper(TET, some_basis(TET, 6), curved(6, 4))
     with pytest.raises(ValueError, match=r"has \(r, k\) = \(3, 6\); this stepper has \(4, 6\)"):
-        some.step(ReducedState.at_rest(curved(6, 3)), [])
+        some.step(stepper(TET, some_basis(TET, 6), curved(6, 3)).rest(), Loads())
 
 
 def test_with_no_gravity_and_no_grab_rest_stays_rest() -> None:
     still = scene(beam(resolution=1), gravity=(0.0, 0.0, 0.0))
-    state = run(stepper(still, some_basis(still, 6), curved(6, 4)), [], 3)[-1]
+    state = run(stepper(still, some_basis(still, 6), curved(6, 4)), Loads(), 3)[-1]
     assert not state.q.any()
 
 
@@ -286,7 +304,7 @@ def test_energy_never_grows_after_a_release_without_gravity() -> None:
     energies = []
     for _ in range(40):
         before = state
-        state, _ = some.step(before, [])
+        state, _ = some.step(before, Loads())
         velocity = (state.q - before.q) / still.time_step
         rest_of_step = IncrementalPotential(still, (U @ state.q).reshape(-1, 3), [])
         energies.append(rest_of_step.value_gradient(U @ state.q, np.empty(len(U))) + 0.5 * velocity @ velocity)
@@ -300,5 +318,28 @@ def test_a_start_of_infinite_energy_is_reported_and_the_state_kept() -> None:
     inverted = -2 * TET.mesh.vertices
     inverted[TET.pinned] = 0
     q = U.T @ (TET.mass @ inverted).ravel()
-    _, solution = some.step(ReducedState.moving(q, q, q, q), [])
+    _, solution = some.step(ReducedState.moving(q, q, q, q), Loads())
     assert solution.reason == Reason.INFINITE_START
+
+
+def test_pins_that_a_space_was_not_prepared_for_are_refused() -> None:
+    some = stepper(TET, some_basis(TET, 6), Decoder.identity(6))
+    with pytest.raises(MotionError, match="pins move; the reduced space has no lifting for them"):
+        list(simulate(some, shaken(TET, 2)))
+
+
+def test_threads_share_a_stepper() -> None:
+    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    amounts = [0.05, -0.03, 0.02, 0.04]
+    alone = [run(some, pull(TET, amount), 20)[-1].q for amount in amounts]
+    together = in_threads(lambda amount: run(some, pull(TET, amount), 20)[-1].q, amounts, threads=4)
+    for expected, found in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_stiffened_stepper_is_that_of_a_stiffer_scene() -> None:
+    U, decoder = some_basis(TET, 6), curved(6, 4)
+    stiffer = replace(TET, mu=2.5 * TET.mu, lam=2.5 * TET.lam)
+    found = run(stepper(TET, U, decoder).stiffened(0.5).stiffened(2.5), pull(TET), 6)
+    for a, b in zip(run(stepper(stiffer, U, decoder), pull(TET), 6), found, strict=True):
+        np.testing.assert_allclose(b.q, a.q, atol=1e-10)

@@ -1,0 +1,127 @@
+"""One motion of a finished run in one space, frame by frame, as the exporters see it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.errors import ExportError
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.mesh import Mesh
+from ldsim.run import SPACES, Run
+from ldsim.space.lifting import Lifting
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """One motion in one space, ready to be written out.
+
+    Attributes:
+        motion, space: their names.
+        scene: the solid.
+        frame_seconds: time between two frames, s; frame i is the state at (i + 1) times it.
+        frames: how many there are.
+        displacement: frame → u, (n, 3) float64, metres.
+        U: basis of a reduced space, and beside it the fields of pins that move, (3n, k); None for the full space.
+        coordinates: their coordinates in each frame, (frames, k); None for the full space.
+        lost: frames left out at the end because the run diverged there.
+    """
+
+    motion: str
+    space: str
+    scene: Scene
+    frame_seconds: float
+    frames: int
+    displacement: Callable[[int], Array]
+    U: Array | None = None
+    coordinates: Array | None = None
+    lost: int = 0
+
+    @property
+    def title(self) -> str:
+        return f"{self.motion}-{self.space}"
+
+    @property
+    def mesh(self) -> Mesh:
+        return self.scene.mesh
+
+    def reduced(self, format: str) -> tuple[Array, Array]:
+        """U and the coordinates of each frame, for a format that plays them.
+
+        Raises:
+            ExportError: the motion is of the full space, which has no basis.
+        """
+        if self.U is None or self.coordinates is None:
+            raise ExportError(
+                f"{format} plays the columns of a basis and the full space has none; "
+                "use --space linear or latent, or the format ply or vtk"
+            )
+        return self.U, self.coordinates
+
+    def time(self, frame: int) -> float:
+        """When a frame is, s."""
+        return (frame + 1) * self.frame_seconds
+
+    def thinned(self, every: int) -> Playback:
+        """One frame of `every`, the last of each: frame i is still the state at (i + 1) times the new interval."""
+        kept = range(every - 1, self.frames, every)
+        if not kept:
+            raise ExportError(
+                f"--every {every} leaves none of the {self.frames} frames of {self.motion}; give a smaller number"
+            )
+        read = self.displacement
+        return replace(
+            self,
+            frame_seconds=self.frame_seconds * every,
+            frames=len(kept),
+            displacement=lambda frame: read(kept[frame]),
+            coordinates=None if self.coordinates is None else self.coordinates[kept.start :: every],
+        )
+
+
+def playback(run: Run, motion: str | None, space: str) -> Playback:
+    """A motion in a space; the first motion of the run where none is named. The run must stay open while it is read.
+
+    Raises:
+        ExportError: there is no such motion or space, or the run diverged in its first frame.
+    """
+    _known("space", space, SPACES)
+    motions = run.snapshots.names
+    if space == "full":
+        return _full(run, _known("motion", motion or motions[0], motions))
+    ran = run.simulation[space]
+    name = _known("motion", motion or next(name for name in motions if name in ran), ran)
+    coordinates = ran[name].coordinates
+    assert coordinates is not None, "reduced runs keep their coordinates"
+    finite = np.asarray(np.isfinite(coordinates).all(axis=1), dtype=bool)
+    frames = len(finite) if finite.all() else int(finite.argmin())
+    if frames == 0:
+        raise ExportError(f"motion {name!r} diverged in the first frame of the {space} space; nothing to export")
+    played = run.recorded(name).motion
+    lifting = Lifting.of(run.scene, [played])
+    U = np.hstack([run.basis.matrix[:, : coordinates.shape[1]], lifting.fields])
+    q = np.hstack([coordinates[:frames], lifting.coordinates(played)[:frames]])
+    h, lost = run.scene.time_step, len(finite) - frames
+    return Playback(name, space, run.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, lost)
+
+
+def _full(run: Run, motion: str) -> Playback:
+    read = run.snapshots.reader(motion)
+
+    def displacement(frame: int) -> Array:
+        return np.asarray(read(frame, frame + 1)[0], dtype=np.float64)
+
+    return Playback(motion, "full", run.scene, run.scene.time_step, run.snapshots.frames(motion), displacement)
+
+
+def _known(what: str, name: str, known: Iterable[str]) -> str:
+    """The name, if it is one of the known ones."""
+    names = list(known)
+    if name not in names:
+        raise ExportError(f"unknown {what} {name!r}; known are {', '.join(names)}")
+    return name
