@@ -22,7 +22,7 @@ from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import motion_arrays
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
 from ldsim.dynamics.stepper import Frame, simulate
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
@@ -96,10 +96,9 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
         seconds = list(checkpoint.seconds)
         frames = range(checkpoint.frames, motion.frames)
         started = time.perf_counter()
-        for frame in simulate(stepper, motion, _state(checkpoint), frames, checkpoint.held):
+        made = simulate(stepper, motion, _state(checkpoint), frames, checkpoint.held)
+        for frame in none_lost(stepper, made):
             solution = frame.solution
-            if frame.lost:
-                raise SolverError(f"frame {frame.number}: {solution.reason.words}; {stepper.worst_cell(frame.state)}")
             seconds.append(time.perf_counter() - started)
             statistics["iterations"].append(solution.iterations)
             statistics["evaluations"].append(solution.evaluations)

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from ldsim.dynamics.full.linear_choice import choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
-from ldsim.dynamics.full.preconditioner import TurnedHessian
+from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.mechanics.loads import Grab, MotionLoads
 from ldsim.mechanics.motion import Motion
@@ -38,7 +38,7 @@ class RestStepper:
     def __init__(self, scene: Scene, tolerance: float) -> None:
         rest = np.zeros((scene.mesh.n_vertices, 3))
         self._scene, self._tolerance = scene, tolerance
-        self._hessian = TurnedHessian(scene, choose(scene, "direct"), exact=False)
+        self._hessian = WarpedHessian(scene, choose(scene, "direct"), exact=False)
         self._hessian.factorise(rest)
         self._hessian.prepare(rest, [])
 

@@ -118,7 +118,8 @@ class BatchedStepper:
         still = np.zeros(self._lifting.count)
         now = [still if s.a is None else s.a for s in states]
         before = [still if s.a_previous is None else s.a_previous for s in states]
-        return BatchedState(*moving, self.tensor(np.array(now)), self.tensor(np.array(before)))
+        z, z_previous, q, q_previous = moving
+        return BatchedState(z, z_previous, q, q_previous, self.tensor(np.array(now)), self.tensor(np.array(before)))
 
     def loads(self, loads: Sequence[Loads]) -> BatchedLoads:
         """What acts on one instance for each entry, with the scene's material.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.mechanics.loads import Loads, MovedPins
 from ldsim.mechanics.materials import MATERIALS, energy_stress
 from ldsim.mechanics.quadrature import reference_points
 from ldsim.mechanics.scene import Scene
@@ -46,7 +47,9 @@ def equilibrium(body: Scene, start: Array, method: str = "newton", linear_solver
     stepper = FullStepper(
         body, FullOptions(tolerance=1e-9, method=method, linear_solver=linear_solver, quasistatic=True)
     )
-    state, solution = stepper.step(FullState(start, start, start), Loads())
+    there = [np.hstack([np.eye(3), offset[:, None]]) for offset in start[body.pinned]]
+    pins = tuple(map(MovedPins, np.flatnonzero(body.pinned)[:, None], there))
+    state, solution = stepper.step(FullState(start, start, start), Loads(pins=pins))
     assert solution.converged, solution.reason.words
     return state.u
 

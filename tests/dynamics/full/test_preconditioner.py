@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.dynamics.full.preconditioner import TurnedHessian, grab_rows
+from ldsim.dynamics.full.preconditioner import WarpedHessian, grab_rows
 from ldsim.mechanics.loads import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -50,7 +50,7 @@ def dense_solve(body: Scene, u: Array, grabs: list[Grab], right: Array) -> Array
 @pytest.mark.parametrize("grabs", GRABS.values(), ids=GRABS.keys())
 def test_at_the_state_of_the_factor_it_is_the_dense_inverse(body: Scene, grabs: list[Grab]) -> None:
     u, right = bent(body.mesh), np.random.default_rng(0).normal(size=3 * body.mesh.n_vertices)
-    hessian = TurnedHessian(body)
+    hessian = WarpedHessian(body)
     hessian.factorise(u)
     hessian.prepare(u, grabs)
     expected = dense_solve(body, u, grabs, right)
@@ -63,7 +63,7 @@ def test_it_stays_exact_when_the_whole_solid_has_turned(body: Scene, grabs: list
     u, right = bent(body.mesh), np.random.default_rng(1).normal(size=3 * body.mesh.n_vertices)
     Q = random_rotation(np.random.default_rng(2))
     turned = (body.mesh.vertices + u) @ Q.T - body.mesh.vertices
-    hessian = TurnedHessian(body)
+    hessian = WarpedHessian(body)
     hessian.factorise(u)
     hessian.prepare(turned, grabs)
     expected = dense_solve(body, turned, grabs, right)
@@ -74,7 +74,7 @@ def test_it_stays_exact_when_the_whole_solid_has_turned(body: Scene, grabs: list
 
 def test_preparing_anew_forgets_the_grabs_before(body: Scene) -> None:
     u, right = bent(body.mesh), np.ones(3 * body.mesh.n_vertices)
-    hessian = TurnedHessian(body)
+    hessian = WarpedHessian(body)
     hessian.factorise(u)
     hessian.prepare(u, GRABS["one grab"])
     held = hessian.solve(right)
