@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors
-from ldsim.run import Run
 from ldsim.report.camera import first_look
+from ldsim.run import Run
 from ldsim.web import bundle, inlined, playground, playground_style
 
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
