@@ -1,4 +1,4 @@
-"""Makes the pages of docs/ that follow from declarations: settings.md, schema.json and artefacts.md.
+"""Makes the pages of docs/reference/ that follow from the code: settings, schema, artefacts and commands.
 
 `python docs/generate.py` writes them; a test compares the committed pages with what this file makes of the code.
 """
@@ -10,13 +10,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import click
+
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.artefacts.store import HEADER
+from ldsim.cli.main import COMMANDS, main
 from ldsim.cli.stage import FILES
 from ldsim.optimise.solution import Reason
 from ldsim.settings import DATA_VARIABLE, STAGES, Settings
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parent / "reference"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
 Node = Mapping[str, Any]
 
@@ -34,7 +37,7 @@ exponent as `6.0e+4`; YAML reads `6e4` as text, which is then turned into a numb
 Editors that know the YAML language server complete and check keys against [schema.json](schema.json) when the first
 line of a configuration in `configs/` is
 
-    # yaml-language-server: $schema=../docs/schema.json
+    # yaml-language-server: $schema=../docs/reference/schema.json
 
 The schema does not know rules about two keys at once, such as "exactly one of file, shape"; `ldsim settings` does.
 """
@@ -102,11 +105,24 @@ def pages() -> dict[Path, str]:
         HERE / "settings.md": settings_page(),
         HERE / "schema.json": json.dumps(Settings.model_json_schema(), indent=2, ensure_ascii=False) + "\n",
         HERE / "artefacts.md": artefacts_page(),
+        HERE / "commands.md": commands_page(),
     }
 
 
+def commands_page() -> str:
+    """The help of every command."""
+    text = MADE.format(source="the help of the commands") + "\n# Commands\n"
+    for name in COMMANDS:
+        group: click.Group = main
+        command = group.get_command(click.Context(main), name)
+        assert command is not None
+        context = click.Context(command, info_name=f"ldsim {name}", max_content_width=100, terminal_width=100)
+        text += f"\n## ldsim {name}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"
+    return text
+
+
 def settings_page() -> str:
-    """docs/settings.md: one table a stage."""
+    """One table a stage."""
     schema = Settings.model_json_schema()
     properties = schema["properties"]
     text = MADE.format(source="ldsim/settings/") + SETTINGS_INTRODUCTION
@@ -184,7 +200,7 @@ def _allowed(node: Node) -> str:
 
 
 def artefacts_page() -> str:
-    """docs/artefacts.md: the header and one table a kind."""
+    """The header and one table a kind."""
     missing = [name for name in HEADER if name not in HEADER_MEANINGS]
     assert not missing, f"describe the header's attributes {missing}"
     text = MADE.format(source="ldsim/artefacts/schema.py") + ARTEFACTS_INTRODUCTION

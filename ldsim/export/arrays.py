@@ -24,7 +24,7 @@ PULL_RADIUS, PULL_REACH = 0.03, 0.1
 
 
 def model_arrays(run: Run) -> Arrays:
-    """Every array of the reduced model, as docs/export.md lists them; float64 and int32, SI units."""
+    """Every array of the reduced model, as docs/guide/export.md lists them; float64 and int32, SI units."""
     scene = run.scene
     surface = Surface.of(scene.mesh)
     pull = default_pull(run)

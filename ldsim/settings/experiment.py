@@ -103,7 +103,7 @@ class VirtualSettings(Options):
 
 class CubatureSettings(Options):
     method: Literal["exchange", "ecsw", "an", "nn_htp", "uniform"] = Field(
-        "exchange", description="How the points are found (docs/cubature.md)."
+        "exchange", description="How the points are found (docs/guide/cubature.md)."
     )
     project: Literal["latent", "linear"] = Field(
         "latent", description="Forces of the latent set: through the decoder's Jacobian, or in the space of U."

@@ -1,4 +1,4 @@
-"""The examples of docs/batched.md, run on a small made-up solid in place of the demo; only the demo has the number."""
+"""The examples of docs/guide/batched.md, run on a small made-up solid in place of the demo; only the demo has the number."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from tests.report.small_run import write_run
 
-PAGE = Path(__file__).parents[2] / "docs" / "batched.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "batched.md"
 
 
 def test_the_examples_of_the_page_run(

@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulator.playable import write_playable
 
-PAGE = Path(__file__).parents[2] / "docs" / "simulator.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "simulator.md"
 
 
 def test_the_examples_of_the_simulator_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
