@@ -90,7 +90,7 @@ NOTES = {
     "and `held_count` say where one ends.",
     "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
     "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
-    "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](theory.md)).",
+    "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](../guide/theory.md)).",
     "cubature": "The groups are `latent` and `linear`. A ladder holds sets of growing size and falling error; the last "
     "is the one in `points` and `weights`. The header also has the seconds that each of the two fits took.",
     "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space "
