@@ -1,10 +1,11 @@
-"""`ldsim paper`: make the paper's tables and figures again and say which of their relations hold."""
+"""`make paper`: make the paper's tables and figures again and say which of their relations hold."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import json
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -106,7 +107,7 @@ def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
         "relations": relations,
         "numbers": outcome.numbers,
         "machine": describe_machine(),
-        "command": f"ldsim paper {name}{' --quick' if quick else ''}",
+        "command": f"make paper NAME={name}{' QUICK=yes' if quick else ''}",
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }
 
@@ -145,12 +146,19 @@ def _make(name: str, runs: Path, quick: bool) -> bool:
     return bool(content["passed"])
 
 
-@click.command("paper", help="Make a table or figure of the paper again; `all` makes every one, `list` lists them.")
+@click.command(help="Make a table or figure of the paper again; `all` makes every one, `list` lists them.")
 @click.argument("name")
-@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.option("--quick", is_flag=True, help="A small version of about a minute or two.")
 @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
 def command(name: str, quick: bool, runs: Path) -> None:
+    try:
+        _answer(name, quick, runs)
+    except LdsimError as error:
+        click.echo(f"error: {' '.join(str(error).split())}", err=True)
+        sys.exit(1)
+
+
+def _answer(name: str, quick: bool, runs: Path) -> None:
     if name == "list":
         for key, experiment in EXPERIMENTS.items():
             click.echo(f"{key:8}{experiment.shows}")
@@ -180,3 +188,7 @@ def _make_all(runs: Path, quick: bool) -> None:
     missing = [key for key, value in verdicts.items() if value == "not made"]
     if missing:
         raise SettingsError(f"{', '.join(missing)} could not be made; the reasons are above")
+
+
+if __name__ == "__main__":
+    command()

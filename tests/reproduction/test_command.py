@@ -1,4 +1,4 @@
-"""`ldsim paper`: three things for each experiment, made once, and one line for what cannot be made."""
+"""`make paper`: three things for each experiment, made once, and one line for what cannot be made."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from ldsim.cli import paper
-from ldsim.cli.main import main
+from reproduction.paper import command
 from reproduction.paper.command import PipelineBench
 from reproduction.paper.experiment import Bench, Experiment, Outcome, Relation
 from reproduction.paper.table import EXPERIMENTS
@@ -39,12 +38,12 @@ class TinyBench(PipelineBench):
 
 
 def invoke(*arguments: str, runs: Path) -> Result:
-    return CliRunner().invoke(main, ["paper", *arguments, "--runs", str(runs)])
+    return CliRunner().invoke(command.command, [*arguments, "--runs", str(runs)])
 
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper, "PipelineBench", TinyBench)
+    monkeypatch.setattr(command, "PipelineBench", TinyBench)
 
 
 def made_up(value: float) -> Experiment:
@@ -118,7 +117,7 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
 
 def test_all_goes_on_after_an_experiment_that_lacks_its_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LDSIM_DATA", raising=False)
-    monkeypatch.setattr(paper, "EXPERIMENTS", {"fig10": EXPERIMENTS["fig10"], "good": made_up(0.5)})
+    monkeypatch.setattr(command, "EXPERIMENTS", {"fig10": EXPERIMENTS["fig10"], "good": made_up(0.5)})
     result = invoke("all", runs=tmp_path)
     assert "fig10 could not be made" in refused(result)
     assert "fig10: not made: $LDSIM_DATA/meshes/catapult_13802.mesh needs the environment variable" in result.output
