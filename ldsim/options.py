@@ -11,7 +11,7 @@ the messages about a wrong value come from the declarations.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict
@@ -27,6 +27,11 @@ class Options(BaseModel):
     """Some options that belong together: frozen, unknown names and values that are not finite refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def replace(self, **changes: Any) -> Self:
+        """The same with other values for some, checked as if it were made anew."""
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self)(**given | changes)
 
     def dump(self, defaults: bool = True) -> str:
         """As YAML, with the defaults or with what was given alone; the same text for the same values."""

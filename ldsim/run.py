@@ -30,7 +30,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.options import Options
 from ldsim.space.basis import Basis
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import Pca
+from ldsim.space.pca import Chunks, Pca
 from ldsim.space.space import Space
 
 REDUCED = ("linear", "latent")
@@ -147,6 +147,12 @@ class Run:
     def recorded(self, motion: str) -> Recorded:
         """A motion as it ran in the full space."""
         return self.snapshots.recorded(motion)
+
+    def chunks(self, role: str) -> Chunks:
+        """Snapshots of all motions of a role, one after another, without what moving pins prescribe."""
+        names = self.snapshots.with_role(role)
+        motions = [self.recorded(name).motion for name in names]
+        return self.lifting.taken_off(lambda: self.snapshots.chunks(names), motions)
 
     @property
     def pca(self) -> Pca:

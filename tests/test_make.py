@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ldsim.settings import TrainSettings
+from ldsim.learn.options import TrainOptions
 from tests.cli.experiments import COMMANDS, TINY, WRITES
 
 ROOT = Path(__file__).parent.parent
@@ -88,7 +88,7 @@ def test_a_comment_makes_nothing_stale(project: Project) -> None:
 
 
 def test_a_setting_equal_to_its_default_makes_nothing_stale(project: Project) -> None:
-    project.configure(train=TINY["train"] | {"learning_rate": TrainSettings().learning_rate})
+    project.configure(train=TINY["train"] | {"learning_rate": TrainOptions().learning_rate})
     assert project.stages(LAST) == []
 
 

@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from ldsim.errors import SettingsError
+from ldsim.learn.options import TrainOptions
 from ldsim.settings import (
     STAGES,
     Settings,
-    TrainSettings,
     dump,
     load_script,
     load_settings,
@@ -186,7 +186,8 @@ def test_every_stage_has_a_section(tmp_path: Path) -> None:
     settings = load_settings(written(tmp_path, SMALLEST))
     assert set(STAGES) | {"experiment"} == set(Settings.model_fields)
     for stage in STAGES:
-        assert type(stage_settings(settings, stage)).__name__ == f"{stage.capitalize()}Settings"
+        name = type(stage_settings(settings, stage)).__name__
+        assert name in (f"{stage.capitalize()}Settings", f"{stage.capitalize()}Options")
 
 
 def stamps(config: Path) -> dict[str, str]:
@@ -215,7 +216,7 @@ def retouched(path: Path, edit: Callable[[str], str]) -> None:
     [
         ("small.yaml", lambda text: f"# a comment\n{text}", set()),
         ("small.yaml", lambda text: f"{text}train: {{epochs: 7}}\n", {"train"}),
-        ("small.yaml", lambda text: f"{text}train: {{epochs: {TrainSettings().epochs}}}\n", set()),
+        ("small.yaml", lambda text: f"{text}train: {{epochs: {TrainOptions().epochs}}}\n", set()),
         ("a.mesh", lambda text: "another mesh", {"mesh"}),
         ("a.csv", lambda text: "another recording", {"snapshot"}),
         ("b.yaml", lambda text: "another script", {"snapshot"}),
@@ -301,7 +302,7 @@ def test_a_bad_script_is_told_like_a_bad_configuration(tmp_path: Path, text: str
     assert "script.yaml" in str(caught.value)
 
 
-def test_a_rehearsal_has_inertia(tmp_path: Path) -> None:
-    content = of_motions(["train"], quasistatic=True) | {"train": {"rehearsal": {"count": 1, "reach": 0.1}}}
-    with pytest.raises(SettingsError, match="train.rehearsal steps with inertia"):
+def test_synthetic_motions_have_inertia(tmp_path: Path) -> None:
+    content = of_motions(["train"], quasistatic=True) | {"train": {"synthetic": {"count": 1, "reach": 0.1}}}
+    with pytest.raises(SettingsError, match="train.synthetic steps with inertia"):
         load_settings(written(tmp_path, content))

@@ -116,7 +116,7 @@ class StoredModel:
         kp: the PCA dimension whose largest training error matches the autoencoder's.
         search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
         novelty: how far a code is from the training codes.
-        rehearsed: coordinates of the frames that were learned from beside the snapshots, (f, k) float32, or None.
+        synthetic: coordinates of the frames of synthetic motions that were learned from too, (f, k) float32, or None.
     """
 
     decoder: Decoder
@@ -128,7 +128,7 @@ class StoredModel:
     best_epoch: int
     search_own: NDArray[np.bool_] | None = None
     novelty: Novelty | None = None
-    rehearsed: NDArray[np.float32] | None = None
+    synthetic: NDArray[np.float32] | None = None
 
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
@@ -144,8 +144,8 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         datasets["skip"] = model.decoder.skip
     if model.search_own is not None:
         datasets["search_own"] = model.search_own
-    if model.rehearsed is not None:
-        datasets["rehearsed"] = model.rehearsed
+    if model.synthetic is not None:
+        datasets["synthetic"] = model.synthetic
     if model.novelty is not None:
         datasets |= {"novelty/landmarks": model.novelty.landmarks, "novelty/reach": model.novelty.reach}
         datasets["novelty/threshold"] = model.novelty.threshold
@@ -173,7 +173,7 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             int(file["best_epoch"][()]),
             file["search_own"][:] if "search_own" in file else None,
             _novelty(file["novelty"]) if "novelty" in file else None,
-            file["rehearsed"][:] if "rehearsed" in file else None,
+            file["synthetic"][:] if "synthetic" in file else None,
         )
         return model, header
 

@@ -116,7 +116,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("loss", "f8", ("epochs", 2), "kg m²", "training and validation loss after each epoch"),
         Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
         Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
-        Dataset("rehearsed", "f4", ("f", "k"), "kg^½ m", "coordinates of the rehearsed frames, learned from too", True),
+        Dataset("synthetic", "f4", ("f", "k"), "kg^½ m", "coordinates of synthetic motions, learned from too", True),
         Dataset("novelty/landmarks", "f8", ("L", "r"), "", "training codes", True),
         Dataset("novelty/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
         Dataset("novelty/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),

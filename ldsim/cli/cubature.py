@@ -58,8 +58,8 @@ def command(run: Run) -> None:
         lifting = Lifting.of(scene, motions)
         q = all_coordinates(lifting.taken_off(lambda: snapshots.chunks(names), motions), stored.basis)
         read, recorded = snapshots.frame_reader(names), len(q)
-        if model.rehearsed is not None:
-            q = np.concatenate([q, model.rehearsed])
+        if model.synthetic is not None:
+            q = np.concatenate([q, model.synthetic])
 
         def true_pose(t: int) -> NDArray[np.floating]:
             return read(t) if t < recorded else (U @ q[t]).reshape(-1, 3)

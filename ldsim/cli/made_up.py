@@ -62,7 +62,7 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
 
 
 def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
-    """Write a made-up configuration, with random and rehearsed pulls to learn from and a few others to judge it by.
+    """Write a made-up configuration, with random and synthetic pulls to learn from and a few others to judge it by.
 
     Raises:
         ArtefactError: it cannot be written.
@@ -78,6 +78,6 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     ]
     for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
-    content["train"]["rehearsal"] = {"count": 60, "seed": 3} | pulls
+    content["train"]["synthetic"] = {"count": 60, "seed": 3} | pulls
     with replacing(path) as temporary:
         temporary.write_text(dump(settings_of(content, str(path)), defaults=False), encoding="utf-8")

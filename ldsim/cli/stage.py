@@ -17,6 +17,7 @@ from tqdm import tqdm
 from ldsim import __version__
 from ldsim.artefacts.store import Header, check_inputs, file_hash
 from ldsim.errors import ArtefactError
+from ldsim.pipeline.progress import Bar, Progress
 from ldsim.settings import Settings, dump, load_settings, stage_settings
 
 FILES = {
@@ -107,3 +108,29 @@ def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqd
     interval = 0.2 if sys.stderr.isatty() else 10.0
     with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True, leave=True) as bar:
         yield bar
+
+
+class Bars(Progress):
+    """Progress as bars and notes on stderr."""
+
+    @contextmanager
+    def bar(self, description: str, total: int | None, unit: str) -> Iterator[Bar]:
+        with progress_bar(total, description, unit) as bar:
+            yield _Bar(bar)
+
+    def tell(self, text: str) -> None:
+        click.echo(text, err=True)
+
+
+class _Bar(Bar):
+    def __init__(self, bar: tqdm[Never]) -> None:
+        self._bar = bar
+
+    def update(self, steps: int = 1) -> None:
+        self._bar.update(steps)
+
+    def reach(self, steps: int) -> None:
+        self._bar.update(steps - self._bar.n)
+
+    def say(self, text: str) -> None:
+        self._bar.set_postfix_str(text, refresh=False)

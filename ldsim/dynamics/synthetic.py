@@ -1,4 +1,4 @@
-"""A motion run in the linear space of a whole basis: examples by the thousand where the full space makes a few.
+"""Synthetic motions: run in the linear space of a whole basis, thousands of frames where the full space makes a few.
 
 The basis holds far more motions than those it was made from; what an autoencoder learns is which of its poses belong
 together, and that takes many. A step in k coordinates with a cubature takes about a millisecond.
@@ -36,7 +36,7 @@ ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
 TOLERANCE = 1e-4
 
 
-def rehearsal_stepper(
+def synthetic_stepper(
     scene: Scene, basis: Basis, q: Array, seed: int, progress: Progress | None = None
 ) -> ReducedStepper:
     """What steps a scene in the linear space of a whole basis, with a cubature fitted to snapshots q, (N, k).
@@ -56,7 +56,7 @@ def rehearsal_stepper(
     return ReducedStepper(Space.linear(scene, basis, basis.k, found), ReducedOptions(tolerance=TOLERANCE))
 
 
-def rehearse(
+def synthetic_frames(
     stepper: ReducedStepper,
     motion: Motion,
     progress: Callable[[], object],

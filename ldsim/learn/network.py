@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ldsim.learn.options import TrainingOptions
+from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
@@ -40,7 +40,7 @@ class Autoencoder(torch.nn.Module):
     zero_z: torch.Tensor
     spread: torch.Tensor
 
-    def __init__(self, r: int, spread: torch.Tensor, options: TrainingOptions) -> None:
+    def __init__(self, r: int, spread: torch.Tensor, options: TrainOptions) -> None:
         super().__init__()
         k = len(spread)
         self.r = r

@@ -1,84 +1,78 @@
-"""What training is told and what it returns."""
+"""The options of the stage train: the network, what it learns from, the terms of its loss, and the search for r."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from ldsim.mechanics.options import PullOptions
+from ldsim.options import Field, Options, Positive, Seed
 
-from ldsim.space.decoder import Decoder
-from ldsim.space.encoder import Encoder
-
-Array = NDArray[np.float64]
+Width = Annotated[int, Field(ge=1, le=2000)]
 
 
-@dataclass(frozen=True)
-class TrainingOptions:
-    """How to train; the settings of the stage with their defaults are in `settings.TrainSettings`.
+class LossTerm(Options):
+    """A term of the loss beside the reconstruction error."""
 
-    Attributes:
-        hidden: widths of the hidden layers of the decoder; the encoder has them in reverse.
-        balance: the loss weights each coordinate by its root mean square to the power −balance: 0 is Eq. 7, 1 gives
-            all the same weight. Small coordinates are stiff ones, and forces hang on them.
-        skip: whether the decoder has a linear skip, φ(z) = N(z) − N(0) + A z.
-        noise: denoising (Vincent et al. 2008): standard deviation of what is added to the encoder's input, as a share
-            of each coordinate's root mean square; 0 for none.
-        variational: weight of the Kullback–Leibler term of a variational autoencoder (Kingma and Welling 2014), as a
-            share of the variance of the data; 0 for none.
-        smoothness: weight of the curvature of the decoder between neighbouring codes; 0 for none.
-        recorded_share: least share of recorded frames in an epoch beside rehearsed ones; they are repeated for it.
-        equilibrium: weight of the loss of `losses.equilibrium_shift` in the last part of training; 0 for none.
-        equilibrium_start: share of the epochs after which that loss sets in.
-        device: a name that torch knows, or "auto" for CUDA where there is one.
-    """
-
-    hidden: tuple[int, ...] = (100, 100)
-    activation: str = "elu"
-    epochs: int = 400
-    batch: int = 256
-    learning_rate: float = 1e-2
-    validation_share: float = 0.1
-    patience: int = 400
-    seed: int = 0
-    balance: float = 0.5
-    recorded_share: float = 0.0
-    skip: bool = False
-    noise: float = 0.0
-    variational: float = 0.0
-    smoothness: float = 0.0
-    equilibrium: float = 0.0
-    equilibrium_start: float = 0.5
-    device: str = "auto"
+    weight: Annotated[Positive, Field(description="Of the term; the reconstruction error has 1.")]
 
 
-@dataclass(frozen=True, eq=False)
-class Forces:
-    """Tangents and forces at some of the training poses, for the equilibrium loss.
+class EquilibriumTerm(LossTerm):
+    """How far the forces at decoded poses would move a solid that is at rest at the true ones."""
 
-    Attributes:
-        frames: rows of q that they belong to, (p,) int64.
-        stiffness: UᵀK(u)U at the true poses u, (p, k, k) float64, N/m in the coordinates of U.
-        excess: Uᵀ(f(UUᵀMu) − f(u)), what projection alone adds to the internal force, (p, k) float64.
-    """
-
-    frames: NDArray[np.int64]
-    stiffness: Array
-    excess: Array
+    start: Annotated[float, Field(ge=0, lt=1, description="Share of the epochs before it sets in.")] = 0.3
+    poses: Annotated[int, Field(ge=1, description="Training poses that it looks at.")] = 200
 
 
-@dataclass(frozen=True, eq=False)
-class Trained:
-    """A trained autoencoder.
+class Denoising(Options):
+    """Noise on what the encoder sees (Vincent et al. 2008)."""
 
-    Attributes:
-        decoder, encoder: φ and ψ in float64.
-        loss: weighted mean squared error in PCA coordinates after each epoch, (epochs, 2) float64 for training and
-            validation.
-        best_epoch: the epoch whose weights were kept.
-    """
+    noise: Annotated[float, Field(gt=0, le=1, description="Standard deviation, as a share of a coordinate's r.m.s.")]
 
-    decoder: Decoder
-    encoder: Encoder
-    loss: Array
-    best_epoch: int
+
+class TrainOptions(Options):
+    """Training of the autoencoder in PCA coordinates (paper, Sec. 4)."""
+
+    r: Annotated[
+        int | None, Field(ge=1, description="Latent dimension; left out, the smallest that meets the tolerance.")
+    ] = None
+    tolerance_mm: Annotated[Positive, Field(description="Largest vertex error that the search allows, mm.")] = 6.0
+    hidden: Annotated[
+        tuple[Width, ...], Field(min_length=1, description="Widths of the hidden layers of the decoder.")
+    ] = (100, 100)
+    activation: Annotated[Literal["elu", "relu", "tanh", "sigmoid"], Field(description="Of the hidden layers.")] = "elu"
+    skip: Annotated[bool, Field(description="A linear skip in the decoder, q = A z + N(z) − N(0).")] = False
+    # Small coordinates are stiff ones, and forces hang on them: with all errors alike they are learned last.
+    balance: Annotated[
+        float,
+        Field(ge=0, le=1, description="The loss weights each coordinate by its r.m.s. to −balance; 0 is the paper's."),
+    ] = 0.5
+    equilibrium: Annotated[EquilibriumTerm | None, Field(description="Loss of forces; left out, none.")] = None
+    variational: Annotated[
+        LossTerm | None, Field(description="Divergence of a variational autoencoder (Kingma and Welling 2014).")
+    ] = None
+    smoothness: Annotated[LossTerm | None, Field(description="Curvature of the decoder between poses.")] = None
+    denoising: Annotated[Denoising | None, Field(description="Noise on the encoder's input; left out, none.")] = None
+    synthetic: Annotated[
+        PullOptions | None,
+        Field(
+            description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
+        ),
+    ] = None
+    recorded_share: Annotated[
+        float, Field(ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it.")
+    ] = 0.5
+    epochs: Annotated[int, Field(ge=1, description="Passes over the training snapshots.")] = 400
+    batch: Annotated[int, Field(ge=1, description="Snapshots in one gradient.")] = 256
+    learning_rate: Annotated[float, Field(gt=0, lt=1, description="Of SOAP, falling along a cosine.")] = 1e-2
+    validation_share: Annotated[
+        float, Field(gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
+    ] = 0.03
+    # The rate falls to a thousandth until the last epoch, and much of the gain comes late: stop early only for haste.
+    patience: Annotated[
+        int | None,
+        Field(ge=1, description="Stop after so many epochs without a better validation loss; left out, never."),
+    ] = None
+    seed: Annotated[Seed, Field(description="Of weights, split and batches.")] = 0
+    device: Annotated[
+        str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
+    ] = "auto"

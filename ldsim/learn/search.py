@@ -2,44 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Protocol
 
 from ldsim.errors import SolverError
-from ldsim.learn import Trained
-
-Array = NDArray[np.float64]
+from ldsim.learn.training import Trained
 
 # Codes of the ordered training; more are tried only where these miss the tolerance.
 ORDERED_CODES = 24
 # Trainings after the ordered one: its cost and theirs together stay within three trainings at the final r.
 TRAININGS = 2
 
-Train = Callable[[int], Trained]
-TrainOrdered = Callable[[int], Trained]
-Error = Callable[[Trained], tuple[float, float]]
+
+class Trainer(Protocol):
+    """What the search tries sizes with."""
+
+    def alone(self, r: int) -> Trained:
+        """A training of one size."""
+
+    def leading(self, r: int) -> Trained:
+        """So many leading codes of an ordered training, which is made once, as large as the first that is asked for."""
+
+    def error(self, trained: Trained) -> tuple[float, float]:
+        """Largest and mean vertex error over the training snapshots, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A size tried: its largest and mean training error in metres, and whether it was trained for itself."""
+
+    trained: Trained
+    r: int
+    largest: float
+    mean: float
+    own: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The autoencoder that was kept, and every size tried.
-
-    Attributes:
-        tried: r, largest and mean training error in mm, (tried, 3) float64, in the order tried.
-        own: whether each was a training of that size, or the leading codes of an ordered one, (tried,).
-        met: whether the tolerance was met.
-    """
+    """The autoencoder that was kept, every size tried, in that order, and whether the tolerance was met."""
 
     trained: Trained
-    tried: Array
-    own: NDArray[np.bool_]
+    tried: tuple[Attempt, ...]
     met: bool
 
 
-def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Error, tolerance: float) -> Searched:
+def search(trainer: Trainer, k: int, r: int | None, tolerance: float) -> Searched:
     """Train at r, or find the smallest r whose largest training error is within the tolerance.
 
     Error is not monotone in r and scatters between seeds, so that a scan or a bisection over separate trainings
@@ -53,66 +61,58 @@ def search(k: int, r: int | None, train: Train, ordered: TrainOrdered, error: Er
 
     Args:
         k: outer dimension, the largest r.
-        train: trains one size.
-        ordered: trains ordered codes once, and gives the autoencoder of so many leading ones.
-        error: largest and mean vertex error of a trained model over the training snapshots, metres.
         tolerance: metres.
 
     Raises:
         SolverError: no r up to k meets the tolerance.
     """
-    tried: list[tuple[int, float, float, bool]] = []
-
-    def attempt(size: int, own: bool) -> tuple[Trained, float]:
-        trained = train(size) if own else ordered(size)
-        tried.append((size, *error(trained), own))
-        return trained, tried[-1][1]
-
-    if r is not None:
-        trained, largest = attempt(r, own=True)
-        return Searched(trained, *_table(tried), largest <= tolerance)
-    most = min(k, ORDERED_CODES)
-    best, least = attempt(most, own=False)
-    left, better = TRAININGS, 1.0
-    if least > tolerance:
-        best, largest = attempt(most, own=True)
-        if largest > tolerance:
-            return Searched(_beyond(k, most, attempt, tried, tolerance), *_table(tried), True)
-        left, better = left - 1, least / largest
-    low, high = 0, most
-    while high - low > 1:
-        middle = (low + high) // 2
-        smaller, largest = attempt(middle, own=False)
-        low, high = (low, middle) if largest <= better * tolerance else (middle, high)
-        best = smaller if largest <= tolerance else best
-    size = high - 1 if high > 1 and better == 1.0 else high
-    while left and 1 <= size <= high and not any(entry[0] == size and entry[3] for entry in tried):
-        trained, largest = attempt(size, own=True)
-        best = trained if largest <= tolerance else best
-        size = size - 1 if largest <= tolerance else size + 1
-        left -= 1
-    return Searched(best, *_table(tried), True)
+    sizes = _Search(trainer, k, tolerance)
+    kept = sizes.smallest() if r is None else sizes.attempt(r, own=True)
+    return Searched(kept.trained, tuple(sizes.tried), kept.largest <= tolerance)
 
 
-def _beyond(
-    k: int,
-    size: int,
-    attempt: Callable[[int, bool], tuple[Trained, float]],
-    tried: list[tuple[int, float, float, bool]],
-    tolerance: float,
-) -> Trained:
-    """Where as many codes as are ordered do not suffice: sizes of their own, each half as large again."""
-    while size < k:
-        size = min(k, size + size // 2 + 1)
-        trained, largest = attempt(size, True)
-        if largest <= tolerance:
-            return trained
-    raise SolverError(
-        f"no latent dimension up to k = {k} brings the vertex error below {1e3 * tolerance:g} mm (the least is "
-        f"{1e3 * min(entry[1] for entry in tried):.3g} mm); raise train.tolerance_mm or pca.k"
-    )
+class _Search:
+    """The sizes tried so far, and the rules for the next."""
 
+    def __init__(self, trainer: Trainer, k: int, tolerance: float) -> None:
+        self.trainer, self.k, self.tolerance = trainer, k, tolerance
+        self.tried: list[Attempt] = []
 
-def _table(tried: list[tuple[int, float, float, bool]]) -> tuple[Array, NDArray[np.bool_]]:
-    table = np.array([[size, 1e3 * largest, 1e3 * mean] for size, largest, mean, _ in tried])
-    return table, np.array([own for *_, own in tried], dtype=bool)
+    def attempt(self, r: int, own: bool) -> Attempt:
+        trained = self.trainer.alone(r) if own else self.trainer.leading(r)
+        self.tried.append(Attempt(trained, r, *self.trainer.error(trained), own))
+        return self.tried[-1]
+
+    def smallest(self) -> Attempt:
+        """The smallest size that meets the tolerance, by bisection and a few trainings."""
+        most, left, better = min(self.k, ORDERED_CODES), TRAININGS, 1.0
+        best = all_codes = self.attempt(most, own=False)
+        if all_codes.largest > self.tolerance:
+            best = self.attempt(most, own=True)
+            if best.largest > self.tolerance:
+                return self.beyond(most)
+            left, better = left - 1, all_codes.largest / best.largest
+        low, high = 0, most
+        while high - low > 1:
+            codes = self.attempt((low + high) // 2, own=False)
+            low, high = (low, codes.r) if codes.largest <= better * self.tolerance else (codes.r, high)
+            best = codes if codes.largest <= self.tolerance else best
+        size = high - 1 if high > 1 and better == 1.0 else high
+        while left and 1 <= size <= high and not any(each.r == size and each.own for each in self.tried):
+            alone = self.attempt(size, own=True)
+            met = alone.largest <= self.tolerance
+            best, size, left = (alone, size - 1, left - 1) if met else (best, size + 1, left - 1)
+        return best
+
+    def beyond(self, size: int) -> Attempt:
+        """Where as many codes as are ordered do not suffice: sizes of their own, each half as large again."""
+        while size < self.k:
+            size = min(self.k, size + size // 2 + 1)
+            alone = self.attempt(size, own=True)
+            if alone.largest <= self.tolerance:
+                return alone
+        least = min(each.largest for each in self.tried)
+        raise SolverError(
+            f"no latent dimension up to k = {self.k} brings the vertex error below {1e3 * self.tolerance:g} mm (the "
+            f"least is {1e3 * least:.3g} mm); raise train.tolerance_mm or pca.k"
+        )

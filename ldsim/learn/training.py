@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -17,14 +17,18 @@ import torch
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
+from ldsim.learn.examples import Examples
 from ldsim.learn.losses import Projectors, curvature, divergence, equilibrium_shift, projectors
 from ldsim.learn.network import Autoencoder, extract
 from ldsim.learn.optimiser import Soap
-from ldsim.learn.options import Forces, Trained, TrainingOptions
+from ldsim.learn.options import TrainOptions
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import Encoder
 
 Array = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
-Progress = Callable[[int, float, float], None]
+# Told after each epoch: its number, training loss and validation loss (scaled).
+Watch = Callable[[int, float, float], None]
 
 # Epochs between checkpoints, and between new projectors of the equilibrium loss: one is a multiple of the other, so
 # that a resumed run makes them at the same weights.
@@ -47,76 +51,55 @@ class Checkpoint(Protocol):
         """Replace what was saved."""
 
 
-@dataclass
-class _Progress:
-    """The best weights so far and the losses that led there."""
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A trained autoencoder.
 
-    loss: list[tuple[float, float]] = field(default_factory=list)
-    best: float = math.inf
-    best_epoch: int = -1
-    weights: dict[str, torch.Tensor] = field(default_factory=dict)
+    Attributes:
+        decoder, encoder: φ and ψ in float64.
+        loss: weighted mean squared error in PCA coordinates after each epoch, (epochs, 2) float64 for training and
+            validation.
+        best_epoch: the epoch whose weights were kept.
+    """
 
-    def record(self, model: Autoencoder, training: float, validation: float) -> None:
-        self.loss.append((training, validation))
-        if validation < self.best:
-            self.best, self.best_epoch = validation, len(self.loss) - 1
-            self.weights = {name: value.clone() for name, value in model.state_dict().items()}
-
-    def stale(self, patience: int) -> bool:
-        return len(self.loss) - 1 - self.best_epoch >= patience
+    decoder: Decoder
+    encoder: Encoder
+    loss: Array
+    best_epoch: int
 
 
 def train(
-    q: Array,
-    r: int,
-    options: TrainingOptions,
-    progress: Progress | None = None,
-    forces: Forces | None = None,
-    checkpoint: Checkpoint | None = None,
-    recorded: int | None = None,
+    examples: Examples, r: int, options: TrainOptions, watch: Watch | None = None, checkpoint: Checkpoint | None = None
 ) -> Trained:
-    """Train an autoencoder of latent dimension r on coordinates q, (N, k) float64.
+    """Train an autoencoder of latent dimension r; options.r and what else is of the search are not looked at.
 
     Args:
-        progress: called after each epoch with its number, training loss and validation loss (scaled).
-        forces: tangents and forces of some poses; needed where options.equilibrium is not 0.
         checkpoint: where to save the state now and then, and to go on from.
-        recorded: the first so many rows are of recordings, the others rehearsed; None where all are recorded.
 
     Raises:
-        SolverError: r is above k, there are too few snapshots to split, the data do not move or are not finite, or the
-            loss is not finite.
+        SolverError: r is above k, there are too few examples to split, they do not move or are not finite, forces are
+            missing, or the loss is not finite.
     """
-    scale = _checked_scale(q, r, options)
-    fit = _Fit(q / scale, r, options, _scaled(forces, scale), recorded, ordered=False)
-    fit.run(progress, checkpoint)
-    return fit.result(scale, q, r)
+    fit = _Fit(examples, r, options)
+    fit.run(watch, checkpoint)
+    return fit.result(r)
 
 
 def train_ordered(
-    q: Array,
-    r: int,
-    options: TrainingOptions,
-    progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
-    recorded: int | None = None,
+    examples: Examples, r: int, options: TrainOptions, watch: Watch | None = None, checkpoint: Checkpoint | None = None
 ) -> Callable[[int], Trained]:
     """Train r ordered codes: the result gives the autoencoder of so many leading ones.
 
     In each sample all but a random number of leading codes are set to 0 (nested dropout, Rippel et al. 2014), so that
-    any number of leading codes is an autoencoder of its own. Arguments and errors are those of `train`.
+    any number of leading codes is an autoencoder of its own. Arguments and errors are those of `train`; the equilibrium
+    term is left out.
     """
-    scale = _checked_scale(q, r, options)
-    fit = _Fit(q / scale, r, replace(options, equilibrium=0.0), None, recorded, ordered=True)
-    fit.run(progress, checkpoint)
-    return lambda codes: fit.result(scale, q, codes)
+    fit = _Fit(examples, r, options.replace(equilibrium=None), ordered=True)
+    fit.run(watch, checkpoint)
+    return fit.result
 
 
-def _scaled(forces: Forces | None, scale: float) -> Forces | None:
-    return None if forces is None else Forces(forces.frames, forces.stiffness, forces.excess / scale)
-
-
-def _checked_scale(q: Array, r: int, options: TrainingOptions) -> float:
+def _checked_scale(q: Array, r: int, options: TrainOptions) -> float:
     """The number that coordinates are divided by, or a refusal."""
     frames, k = q.shape
     if not 1 <= r <= k:
@@ -132,15 +115,15 @@ def _checked_scale(q: Array, r: int, options: TrainingOptions) -> float:
     return scale
 
 
-def _held_back(frames: int, options: TrainingOptions) -> int:
+def _held_back(frames: int, options: TrainOptions) -> int:
     return max(int(round(options.validation_share * frames)), 1)
 
 
-def _repeated(rows: torch.Tensor, recorded: int, share: float) -> torch.Tensor:
-    """Rows of the data with those below `recorded` so often that they are at least that share, if they are not all."""
-    own, others = rows[rows < recorded], rows[rows >= recorded]
+def _repeated(frames: torch.Tensor, recorded: int, share: float) -> torch.Tensor:
+    """Frames with those below `recorded` so often that they are at least that share, if they are not all."""
+    own, others = frames[frames < recorded], frames[frames >= recorded]
     if len(own) == 0 or len(others) == 0:
-        return rows
+        return frames
     times = max(math.ceil(share / (1 - share) * len(others) / len(own)), 1)
     return torch.cat([own.repeat(times), others])
 
@@ -157,17 +140,14 @@ def _device(name: str) -> torch.device:
 class _Fit:
     """One training: SOAP on a cosine; keeps the weights of the lowest validation loss of its last phase."""
 
-    def __init__(
-        self, q: Array, r: int, options: TrainingOptions, forces: Forces | None, recorded: int | None, ordered: bool
-    ) -> None:
-        self.options = options
-        self.ordered = ordered
-        self.device = _device(options.device)
+    def __init__(self, examples: Examples, r: int, options: TrainOptions, ordered: bool = False) -> None:
+        self.scale, self.examples = _checked_scale(examples.q, r, options), examples
+        self.options, self.ordered, self.device = options, ordered, _device(options.device)
         self.generator = torch.Generator().manual_seed(options.seed)
-        data = torch.tensor(q, dtype=torch.float32)
-        shuffled = torch.randperm(len(q), generator=self.generator)
-        held = _held_back(len(q), options)
-        kept = _repeated(shuffled[held:], len(q) if recorded is None else recorded, options.recorded_share)
+        data = torch.tensor(examples.q / self.scale, dtype=torch.float32)
+        shuffled = torch.randperm(len(data), generator=self.generator)
+        held = _held_back(len(data), options)
+        kept = _repeated(shuffled[held:], examples.recorded, options.recorded_share)
         self.held, self.kept = data[shuffled[:held]].to(self.device), data[kept].to(self.device)
         spread = data.square().mean(dim=0).sqrt()
         self.spread = torch.clamp(spread / spread.max(), min=LEAST_SPREAD).to(self.device)
@@ -176,47 +156,59 @@ class _Fit:
             torch.manual_seed(options.seed)
             self.model = Autoencoder(r, self.spread, options).to(self.device)
         self.optimiser = Soap(self.model.parameters(), options.learning_rate)
-        self.state = _Progress()
-        self.forces = None if not options.equilibrium else self._tensors(q, forces)
+        self.losses: list[tuple[float, float]] = []
+        self.best, self.best_epoch, self.best_weights = math.inf, -1, dict[str, torch.Tensor]()
+        self.forces = self._forces() if options.equilibrium else None
         self.along: Projectors | None = None
 
-    def _tensors(self, q: Array, forces: Forces | None) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def _forces(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Poses, tangents and excess forces, scaled as the data are."""
+        forces = self.examples.forces
         if forces is None:
             raise SolverError("train.equilibrium needs the forces of some training poses")
-        arrays = (q[forces.frames], forces.stiffness, forces.excess)
+        arrays = (self.examples.q[forces.frames] / self.scale, forces.stiffness, forces.excess / self.scale)
         poses, stiffness, excess = (torch.tensor(a, dtype=torch.float32, device=self.device) for a in arrays)
         return poses, stiffness, excess
 
-    def result(self, scale: float, q: Array, codes: int) -> Trained:
+    def result(self, codes: int) -> Trained:
         """The autoencoder of the leading codes, with the best weights."""
-        self.model.load_state_dict(self.state.weights)
-        decoder, encoder = extract(self.model, scale, q, codes)
-        return Trained(decoder, encoder, np.array(self.state.loss) * scale**2, self.state.best_epoch)
+        self.model.load_state_dict(self.best_weights)
+        decoder, encoder = extract(self.model, self.scale, self.examples.q, codes)
+        return Trained(decoder, encoder, np.array(self.losses) * self.scale**2, self.best_epoch)
 
-    def run(self, progress: Progress | None, checkpoint: Checkpoint | None) -> None:
+    def run(self, watch: Watch | None, checkpoint: Checkpoint | None) -> None:
         """Train to the end, from the checkpoint on if there is one."""
         options = self.options
         saved = None if checkpoint is None else checkpoint.load()
         if saved is not None:
             self.restore(saved)
-        second = math.ceil(options.equilibrium_start * options.epochs / REFRESH) * REFRESH
-        for epoch in range(len(self.state.loss), options.epochs):
+        for epoch in range(len(self.losses), options.epochs):
             if checkpoint is not None and epoch % CHECKPOINT == 0 and epoch > 0:
                 checkpoint.save(self.arrays())
-            if self.forces is not None and epoch >= second and epoch % REFRESH == 0:
-                self.along = projectors(self.model, *self.forces)
-                if epoch == second:
-                    self.state.best = math.inf
+            self._renew_projectors(epoch)
             training = self._epoch(epoch)
             with torch.no_grad():
                 validation = float(self._reconstruction(self.held, self.model.encode(self.held)))
             if not math.isfinite(training):
                 raise SolverError(f"the training loss is {training} in epoch {epoch}; lower train.learning_rate")
-            self.state.record(self.model, training, validation)
-            if progress is not None:
-                progress(epoch, training, validation)
-            if self.state.stale(options.patience):
+            self.losses.append((training, validation))
+            if validation < self.best:
+                self.best, self.best_epoch = validation, epoch
+                self.best_weights = {name: value.clone() for name, value in self.model.state_dict().items()}
+            if watch is not None:
+                watch(epoch, training, validation)
+            if options.patience is not None and epoch - self.best_epoch >= options.patience:
                 break
+
+    def _renew_projectors(self, epoch: int) -> None:
+        """Those of the equilibrium term, from its first epoch on; weights from before it are not kept."""
+        if self.forces is None or self.options.equilibrium is None:
+            return
+        first = math.ceil(self.options.equilibrium.start * self.options.epochs / REFRESH) * REFRESH
+        if epoch >= first and epoch % REFRESH == 0:
+            self.along = projectors(self.model, *self.forces)
+            if epoch == first:
+                self.best = math.inf
 
     def _epoch(self, epoch: int) -> float:
         """One pass over the snapshots; the mean reconstruction loss."""
@@ -245,57 +237,49 @@ class _Fit:
         return per_sample.mean()
 
     def _losses(self, q: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The reconstruction loss of a batch and the sum of all others."""
+        """The reconstruction loss of a batch and the sum of all other terms."""
         options, model = self.options, self.model
         other = torch.zeros((), device=self.device)
-        seen = q + options.noise * self.spread * self._random(q.shape) if options.noise else q
+        seen = q + options.denoising.noise * self.spread * self._random(q.shape) if options.denoising else q
         z = model.encode(seen)
         if options.variational:
             log_variance = model.log_variance(seen)
-            other = other + options.variational * divergence(z, log_variance)
+            other = other + options.variational.weight * divergence(z, log_variance)
             z = z + (0.5 * log_variance).exp() * self._random(z.shape)
         if self.ordered:
             kept = torch.randint(1, model.r + 1, (len(z), 1), generator=self.generator)
             z = z * (torch.arange(model.r) < kept).to(self.device)
         if options.smoothness:
-            other = other + options.smoothness * curvature(model, z, self.generator)
-        if self.along is not None:
+            other = other + options.smoothness.weight * curvature(model, z, self.generator)
+        if options.equilibrium and self.along is not None:
             chosen = torch.randint(0, len(self.along.poses), (POSES,), generator=self.generator).to(self.device)
-            other = other + options.equilibrium * equilibrium_shift(model, self.along, chosen)
+            other = other + options.equilibrium.weight * equilibrium_shift(model, self.along, chosen)
         return self._reconstruction(q, z), other
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """All that the rest of the training depends on, as plain arrays."""
-        found: dict[str, NDArray[np.generic]] = {
-            "loss": np.array(self.state.loss),
-            "best": np.array([self.state.best, self.state.best_epoch]),
-            "generator": self.generator.get_state().numpy(),
+        groups: dict[str, Mapping[str, torch.Tensor]] = {
+            "model": self.model.state_dict(),
+            "best_model": self.best_weights,
+            **{f"optimiser/{i}": state for i, state in self.optimiser.state_dict()["state"].items()},
         }
-        for name, value in self.model.state_dict().items():
-            found[f"model/{name}"] = value.cpu().numpy()
-            found[f"best_model/{name}"] = self.state.weights[name].cpu().numpy()
-        for number, entry in self.optimiser.state_dict()["state"].items():
-            for name, value in entry.items():
-                found[f"optimiser/{number}/{name}"] = value.cpu().numpy()
-        return found
+        return {
+            "loss": np.array(self.losses),
+            "best": np.array([self.best, self.best_epoch]),
+            "generator": self.generator.get_state().numpy(),
+            **{f"{group}/{name}": t.cpu().numpy() for group, tensors in groups.items() for name, t in tensors.items()},
+        }
 
     def restore(self, arrays: Arrays) -> None:
         """Continue from what `arrays` gave."""
-
-        def group(prefix: str) -> dict[str, torch.Tensor]:
-            return {
-                name.removeprefix(prefix): torch.tensor(value, device=self.device)
-                for name, value in arrays.items()
-                if name.startswith(prefix)
-            }
-
-        self.state.loss = [(float(a), float(b)) for a, b in np.asarray(arrays["loss"])]
+        groups: dict[str, dict[str, torch.Tensor]] = {}
+        for path, value in arrays.items():
+            group, _, name = path.rpartition("/")
+            groups.setdefault(group, {})[name] = torch.tensor(value, device=self.device)
+        self.losses = [(float(a), float(b)) for a, b in np.asarray(arrays["loss"])]
         best, best_epoch = np.asarray(arrays["best"])
-        self.state.best, self.state.best_epoch, self.state.weights = float(best), int(best_epoch), group("best_model/")
+        self.best, self.best_epoch, self.best_weights = float(best), int(best_epoch), groups["best_model"]
         self.generator.set_state(torch.tensor(arrays["generator"]))
-        self.model.load_state_dict(group("model/"))
-        moments: dict[int, dict[str, torch.Tensor]] = {}
-        for name, value in group("optimiser/").items():
-            number, _, key = name.partition("/")
-            moments.setdefault(int(number), {})[key] = value
-        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": moments})
+        self.model.load_state_dict(groups["model"])
+        state = {int(group.split("/")[1]): value for group, value in groups.items() if group.startswith("optimiser/")}
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": state})

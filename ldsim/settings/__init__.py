@@ -4,7 +4,7 @@ The reference page of the docs, `ldsim settings` and the messages about unknown 
 `scene` has the section `mesh`, `motions` what the section `snapshot` runs, `experiment` the other sections.
 """
 
-from ldsim.settings.experiment import STAGES, CubatureSettings, Settings, SnapshotSettings, TrainSettings
+from ldsim.settings.experiment import STAGES, CubatureSettings, Settings, SnapshotSettings
 from ldsim.settings.files import DATA_VARIABLE, input_files, resolve_path, stage_settings, stamp
 from ldsim.settings.motions import (
     GrabSettings,
@@ -33,7 +33,6 @@ __all__ = [
     "ShapeSettings",
     "SnapshotSettings",
     "SurfaceSettings",
-    "TrainSettings",
     "dump",
     "input_files",
     "load_script",

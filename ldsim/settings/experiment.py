@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.mechanics.pulls import PullOptions
+from ldsim.learn.options import TrainOptions
 from ldsim.options import Options, Positive
 from ldsim.settings.motions import MotionSettings
 from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
@@ -55,44 +55,10 @@ class PcaSettings(Options):
     inner_product: Literal["mass", "euclidean"] = Field("mass", description="In which U is orthonormal.")
 
 
-class TrainSettings(Options):
-    r: int | None = Field(None, ge=1, description="Latent dimension; left out, the smallest that meets the tolerance.")
-    tolerance_mm: Positive = Field(6.0, description="Largest vertex error that the search allows, mm.")
-    hidden: tuple[Annotated[int, Field(ge=1, le=2000)], ...] = Field(
-        (100, 100), min_length=1, description="Widths of the hidden layers of the decoder."
-    )
-    activation: Literal["elu", "relu", "tanh", "sigmoid"] = Field("elu", description="Of the hidden layers.")
-    skip: bool = Field(False, description="A linear skip in the decoder, q = A z + N(z) − N(0).")
-    balance: float = Field(
-        0.5, ge=0, le=1, description="The loss weights each coordinate by its r.m.s. to −balance; 0 is the paper's."
-    )
-    equilibrium: float = Field(
-        0.0, ge=0, description="Weight of how far forces at decoded poses would move the solid; 0 for none."
-    )
-    equilibrium_start: float = Field(0.3, ge=0, lt=1, description="Share of the epochs before that loss sets in.")
-    equilibrium_poses: int = Field(200, ge=1, description="Training poses that it looks at.")
-    rehearsal: PullOptions | None = Field(
-        None, description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
-    )
-    recorded_share: float = Field(
-        0.5, ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it."
-    )
-    noise: float = Field(0.0, ge=0, le=1, description="Denoising: noise on the encoder's input, share of the r.m.s.")
-    variational: float = Field(0.0, ge=0, description="Weight of a variational autoencoder's divergence; 0 for none.")
-    smoothness: float = Field(0.0, ge=0, description="Weight of the decoder's curvature between poses; 0 for none.")
-    epochs: int = Field(400, ge=1, description="Passes over the training snapshots.")
-    batch: int = Field(256, ge=1, description="Snapshots in one gradient.")
-    learning_rate: float = Field(1e-2, gt=0, lt=1, description="Of SOAP, falling along a cosine.")
-    validation_share: float = Field(0.03, gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
-    patience: int = Field(500, ge=1, description="Epochs without a better validation loss before stopping.")
-    seed: int = Field(0, ge=0, description="Of weights, split and batches.")
-    device: str = Field("auto", pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
-
-
 class VirtualSettings(Options):
     points: int = Field(24, ge=0, description="Most virtual points of the latent set; 0 for none.")
     linear_points: int = Field(0, ge=0, description="The same for the linear set.")
-    poses: int = Field(5000, ge=2, description="Most poses to fit; half recorded ones where others were rehearsed.")
+    poses: int = Field(5000, ge=2, description="Most poses to fit; half recorded ones where others are synthetic.")
     closures: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         (0.0, 1.0), min_length=1, description="Shares of the true poses' forces to aim at; the best online is kept."
     )
@@ -152,13 +118,13 @@ class Settings(Options):
     mesh: MeshSettings
     snapshot: SnapshotSettings
     pca: PcaSettings = PcaSettings()  # type: ignore[call-arg]
-    train: TrainSettings = TrainSettings()  # type: ignore[call-arg]
+    train: TrainOptions = TrainOptions()
     cubature: CubatureSettings = CubatureSettings()  # type: ignore[call-arg]
     simulate: SimulateSettings = SimulateSettings()  # type: ignore[call-arg]
     report: ReportSettings = ReportSettings()  # type: ignore[call-arg]
 
     @model_validator(mode="after")
-    def _rehearsal_has_inertia(self) -> Settings:
-        if self.snapshot.quasistatic and self.train.rehearsal is not None:
-            raise ValueError("train.rehearsal steps with inertia, snapshot.quasistatic leaves it out; drop one")
+    def _synthetic_motions_have_inertia(self) -> Settings:
+        if self.snapshot.quasistatic and self.train.synthetic is not None:
+            raise ValueError("train.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from ldsim.mechanics.pulls import PullOptions
+from ldsim.mechanics.options import PullOptions
 from ldsim.options import Options, Positive, Vector
 from ldsim.settings.scene import RegionSettings
 

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
-# Cubature is judged by the forces of decoded poses, so a short training without the force loss and rehearsal serves.
-TRAINING = {"epochs": 400, "equilibrium": 0.0, "rehearsal": None}
+# Cubature is judged by the forces of decoded poses: a short training without forces or synthetic motions serves.
+TRAINING = {"epochs": 400, "equilibrium": None, "synthetic": None}
 STAGES = {"mesh": "scene", "snapshot": "snapshots", "pca": "basis", "train": "model"}
 
 
@@ -137,7 +137,7 @@ def prepared(name: str, runs: Path, made: Path) -> Path:
     name = "dragon_56822" if source.refined else name
     settings = load_settings(source.config)
     changes: dict[str, Any] = {"experiment": name}
-    changes["train"] = settings.train.model_copy(update={"r": source.r, **TRAINING})
+    changes["train"] = settings.train.replace(r=source.r, **TRAINING)
     if source.mesh is not None:
         changes["mesh"] = settings.mesh.model_copy(update={"file": source.mesh})
     folder, config = made / name, made / f"{name}.yaml"

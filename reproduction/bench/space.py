@@ -3,9 +3,9 @@
 For each finished run (make EXPERIMENT=x …): online error of its latent space and of linear ones on every motion,
 uninterrupted and restarted from the full space every 0.25 s; how many linear dimensions one latent one is worth; and,
 at poses of every motion, how far the forces of the decoded pose would move the solid. `--latent` trains other latent
-dimensions as well, with the settings and the rehearsal of the run. "Stepped" is the latent space of the run with the
-cubature that `ldsim simulate` would step it with, where it has one. `--linear` and `--motion` choose what is measured
-(each space and motion takes minutes). Every space that is done is kept in `--kept` and not measured again
+dimensions as well, with the settings and synthetic motions of the run. "Stepped" is the latent space of the run with
+the cubature that `ldsim simulate` would step it with, where it has one. `--linear` and `--motion` choose what is
+measured (each space and motion takes minutes). Every space that is done is kept in `--kept` and not measured again
 as long as the run has the same model; interrupted, it goes on with the next. `--pca` measures the streamed PCA against
 one in memory (250,000 × 1,000 float32). `--quick` takes 60 frames and three linear dimensions.
 Results of each given run go to benchmarks/results/space_RUN.json, its frontier to docs/pictures/space_RUN.svg.

@@ -6,7 +6,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,14 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.minimiser import Method
-from ldsim.learn import TrainingOptions, train
-from ldsim.learn.equilibrium import spread_forces
+from ldsim.learn.equilibrium import Poses, spread_forces
+from ldsim.learn.examples import Examples
+from ldsim.learn.options import TrainOptions
+from ldsim.learn.training import train
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
 from ldsim.pipeline.comparison import ReducedSpace
-from ldsim.settings import TrainSettings
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder, nearest_latent
 from ldsim.space.pca import inner_product, leading_modes
@@ -70,9 +72,9 @@ class Solid:
     U: Array
     model: tuple[Decoder, Encoder]
     header: Header
-    settings: TrainSettings
+    options: TrainOptions
     snapshots: Snapshots
-    rehearsed: Array
+    synthetic: Array
     cubature: CubatureRule | None
 
     def coordinates(self, names: list[str]) -> Array:
@@ -90,16 +92,13 @@ class Solid:
         return Space(f"latent {r}", EveryElement(self.scene, self.U, decoder), encoder)
 
     def _trained(self, r: int) -> tuple[Decoder, Encoder]:
-        settings, names = self.settings, self.snapshots.with_role("train")
+        options, names = self.options, self.snapshots.with_role("train")
         q, forces = self.coordinates(names), None
-        if settings.equilibrium:
-            forces = spread_forces(
-                *(self.scene, self.U, q, lambda: self.snapshots.chunks(names), self.rehearsed),
-                *(settings.equilibrium_poses, lambda: None),
-            )
-        known = {field.name for field in fields(TrainingOptions)}
-        options = TrainingOptions(**settings.model_dump(include=known))
-        trained = train(np.concatenate([q, self.rehearsed]), r, options, forces=forces, recorded=len(q))
+        if options.equilibrium:
+            poses, basis = Poses(q, lambda: self.snapshots.chunks(names)), Basis.of(self.U, self.scene.mass)
+            count = options.equilibrium.poses
+            forces = spread_forces(self.scene, basis, poses, self.synthetic, count, lambda: None)
+        trained = train(Examples(np.concatenate([q, self.synthetic]), len(self.synthetic), forces), r, options)
         return trained.decoder, trained.encoder
 
 
@@ -109,13 +108,13 @@ def opened(folder: Path) -> Iterator[Solid]:
     scene, _ = read_scene(folder / "scene.h5")
     stored, header = read_model(folder / "model.h5")
     U = read_basis(folder / "basis.h5")[0].basis.U
-    settings = TrainSettings.model_validate(yaml.safe_load(header.settings))
+    options = TrainOptions.model_validate(yaml.safe_load(header.settings))
     with Snapshots(folder / "snapshots.h5") as snapshots:
-        rehearsed = np.empty((0, U.shape[1])) if stored.rehearsed is None else stored.rehearsed.astype(np.float64)
+        synthetic = np.empty((0, U.shape[1])) if stored.synthetic is None else stored.synthetic.astype(np.float64)
         path = folder / "cubature.h5"
         cubature = read_cubature(path)[0]["latent"].stepped if path.exists() else None
         model = (stored.decoder, stored.encoder)
-        yield Solid(folder.name, scene, U, model, header, settings, snapshots, rehearsed, cubature)
+        yield Solid(folder.name, scene, U, model, header, options, snapshots, synthetic, cubature)
 
 
 def measure_space(solid: Solid, space: Space, motions: list[str], quick: bool) -> list[Row]:

@@ -75,7 +75,7 @@ def _pose_space(folder: Path, decoder: Decoder, encode: Callable[[Array], Array]
         names = snapshots.with_role("train")
         q: Array = all_coordinates(lambda: snapshots.chunks(names), metric, U)
         recorded, read = len(q), snapshots.frame_reader(names)
-        q = q if model.rehearsed is None else np.concatenate([q, model.rehearsed])
+        q = q if model.synthetic is None else np.concatenate([q, model.synthetic])
 
         def true_pose(t: int) -> NDArray[np.floating]:
             return read(t) if t < recorded else (U @ q[t]).reshape(-1, 3)

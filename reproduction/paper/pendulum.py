@@ -40,7 +40,7 @@ def _configuration(bench: Bench) -> Configuration:
         },
         "snapshot": {"motions": [{"name": "swing", "recording": str(recording)}]},
         "pca": {"k": 10},
-        "train": {"r": 1, "epochs": 800 if bench.quick else 3000, "batch": 32, "patience": 3000},
+        "train": {"r": 1, "epochs": 800 if bench.quick else 3000, "batch": 32},
     }
 
 

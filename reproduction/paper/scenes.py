@@ -48,12 +48,12 @@ def _slab(axis: str, thickness: float, at: str = "min") -> dict[str, Any]:
     return {"slab": {"axis": axis, "at": at, "thickness": thickness}}
 
 
-REHEARSED_TRAINING = {
+SYNTHETIC_TRAINING = {
     "hidden": [64, 64],
     "epochs": 40,
-    "rehearsal": {"count": 400, "seed": 11, "reach": 0.55, "frames": 25, "rest": 40},
+    "synthetic": {"count": 400, "seed": 11, "reach": 0.55, "frames": 25, "rest": 40},
 }
-QUICK_TRAINING = {"epochs": 400, "batch": 64, "patience": 400, "equilibrium": 3.0}
+QUICK_TRAINING = {"epochs": 400, "batch": 64, "equilibrium": {"weight": 3.0}}
 QUICK_CUBATURE = {"poses": 120, "heldout_poses": 40}
 
 
@@ -61,7 +61,7 @@ def cross(quick: bool) -> Configuration:
     """The X of the paper, or a procedural one."""
     if not quick:
         mesh = _solid(6e4, _slab("y", 0.001), file=f"{MESHES}x_29686.mesh")
-        motions, training = [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 12} | REHEARSED_TRAINING
+        motions, training = [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 12} | SYNTHETIC_TRAINING
         return _configuration("x", mesh, motions, training, 60, {"tolerance": 0.03})
     mesh = _solid(4e4, _slab("y", 0.001), shape={"name": "cross", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="heldout")]

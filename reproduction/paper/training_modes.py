@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ldsim.jit import one_thread
-from ldsim.learn import TrainingOptions, train
-from ldsim.learn.full_space import train_full_space
+from ldsim.learn.examples import Examples
+from ldsim.learn.options import TrainOptions
+from ldsim.learn.training import train
 from ldsim.report.plotting import LATENT, LINEAR, log_scale, new_axes, to_svg
 from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.paper.full_space import train_full_space
 from reproduction.paper.reduced_runs import opened
 from reproduction.paper.scenes import coarse_bar
 
@@ -36,9 +37,7 @@ NAMES = {
 def training_modes(bench: Bench) -> Outcome:
     """Figure 5: mean squared error and training time of the four modes (a coarse beam, r 5, k 15, [200, 200])."""
     epochs, width = (200, 60) if bench.quick else (2000, 200)
-    options = TrainingOptions(
-        (width, width), epochs=epochs, patience=epochs, batch=128, balance=0.0, validation_share=0.01
-    )
+    options = TrainOptions(hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=0.01)
     with opened(bench.made(coarse_bar(bench.quick), "pca")) as run:
         u = np.concatenate([run.frames(name) for name in run.snapshots.with_role("train")])
         u = u.reshape(len(u), -1)
@@ -55,15 +54,15 @@ def training_modes(bench: Bench) -> Outcome:
     return Outcome(to_svg(_drawn(errors, linear), label), numbers, mode_relations(errors, seconds, linear))
 
 
-def _measured(u: Array, U: Array, options: TrainingOptions, mode: str) -> dict[str, Any]:
+def _measured(u: Array, U: Array, options: TrainOptions, mode: str) -> dict[str, Any]:
     """Error over the training snapshots u (N, 3n) and the time that training took."""
     started = time.perf_counter()
     with one_thread():
         if mode == "pca_space":
-            basis, trained = U, train(u @ U, LATENT_DIMENSION, options)
+            basis, trained = U, train(Examples(u @ U), LATENT_DIMENSION, options)
             decoder, encoder = trained.decoder, trained.encoder
         else:
-            by_adam = replace(options, learning_rate=ADAM_RATE)
+            by_adam = options.replace(learning_rate=ADAM_RATE)
             found = train_full_space(u.astype(np.float32), U, LATENT_DIMENSION, by_adam, mode)
             basis, decoder, encoder = found.U, found.decoder, found.encoder
     seconds = time.perf_counter() - started

@@ -14,7 +14,7 @@ import pytest
 
 from tests.cli.experiments import TINY, Experiment
 
-LONG = TINY | {"train": {"r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "patience": 6000, "equilibrium": 1.0}}
+LONG = TINY | {"train": {"r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "equilibrium": {"weight": 1.0}}}
 
 
 def weights(experiment: Experiment) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
@@ -62,7 +62,7 @@ def test_a_search_leaves_its_table_in_the_artefact(experiment: Experiment) -> No
     assert own.sum() <= 2
 
 
-def test_simulate_records_trust_and_warns_where_it_is_low(experiment: Experiment) -> None:
+def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experiment: Experiment) -> None:
     with h5py.File(experiment.run / "simulation.h5") as file:
         scores = file["runs/latent/b/novelty"][:]
         assert "novelty" not in file["runs/linear/b"]
@@ -76,26 +76,26 @@ def test_simulate_records_trust_and_warns_where_it_is_low(experiment: Experiment
     assert "frames are far from the training motions" in result.stderr
 
 
-REHEARSED = TINY["train"] | {"rehearsal": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
+SYNTHETIC = TINY["train"] | {"synthetic": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
 
 
-def test_a_rehearsal_is_learned_from_and_fitted_to(experiment: Experiment) -> None:
+def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment) -> None:
     before = weights(experiment)
-    experiment.configure(TINY | {"train": REHEARSED, "cubature": {"poses": 60, "heldout_poses": 30}})
+    experiment.configure(TINY | {"train": SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
     assert experiment.invoke("train").exit_code == 0
     with h5py.File(experiment.run / "model.h5") as file:
-        rehearsed = file["rehearsed"][:]
-    assert rehearsed.shape == (60, 6)
-    assert np.isfinite(rehearsed).all()
+        synthetic = file["synthetic"][:]
+    assert synthetic.shape == (60, 6)
+    assert np.isfinite(synthetic).all()
     assert any((ours != theirs).any() for ours, theirs in zip(weights(experiment), before, strict=True))
     # the 40 frames of the snapshots alone would be too few
     assert experiment.invoke("cubature").exit_code in (0, 3)
 
 
-def test_a_rehearsal_is_not_run_again_after_an_interruption(
+def test_synthetic_motions_are_not_run_again_after_an_interruption(
     experiment: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    experiment.configure(TINY | {"train": REHEARSED})
+    experiment.configure(TINY | {"train": SYNTHETIC})
     assert experiment.invoke("train").exit_code == 0
     undisturbed = weights(experiment)
 
@@ -103,17 +103,17 @@ def test_a_rehearsal_is_not_run_again_after_an_interruption(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("ldsim.cli.train.search", stop)
+        patch.setattr("ldsim.pipeline.train.search", stop)
         assert experiment.invoke("train").exit_code != 0
-    monkeypatch.setattr("ldsim.cli.train.rehearse", stop)
+    monkeypatch.setattr("ldsim.pipeline.train.synthetic_frames", stop)
     assert experiment.invoke("train").exit_code == 0
     for ours, theirs in zip(weights(experiment), undisturbed, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_a_rehearsal_that_is_lost_is_said(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldsim.cli.train.rehearse", lambda *_: np.ones((7, 6)))
-    experiment.configure(TINY | {"train": REHEARSED})
+def test_synthetic_motions_that_are_lost_are_said(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldsim.pipeline.train.synthetic_frames", lambda *_: np.ones((7, 6)))
+    experiment.configure(TINY | {"train": SYNTHETIC})
     result = experiment.invoke("train")
     assert result.exit_code == 0
-    assert "the rehearsal lost 53 of 60 frames" in result.stderr
+    assert "the synthetic motions diverged and lost 53 of 60 frames" in result.stderr

@@ -1,4 +1,4 @@
-"""Rehearsal: a motion run in the linear space ends where the full space does, and a lost run keeps what it had."""
+"""Synthetic motions: one run in the linear space ends where the full space does, and a lost run keeps what it had."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from scipy.sparse import eye_array, kron
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.synthetic import rehearsal_stepper, rehearse
+from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.mechanics.motion import Motion
-from ldsim.mechanics.pulls import PullOptions, random_pulls
+from ldsim.mechanics.options import PullOptions
+from ldsim.mechanics.pulls import random_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from tests.helpers import scene
@@ -49,20 +50,20 @@ def frames(body: Scene) -> Array:
 
 @pytest.fixture(scope="module")
 def space(body: Scene, frames: Array) -> tuple[Array, Array, ReducedStepper]:
-    """A basis, orthonormal in mass, the coordinates of the frames in it, and the stepper of a rehearsal."""
+    """A basis, orthonormal in mass, the coordinates of the frames in it, and what steps synthetic motions."""
     mass = kron(body.mass, eye_array(3)).tocsr()
     values, vectors = np.linalg.eigh(frames @ (mass @ frames.T))
     U = np.ascontiguousarray(frames.T @ vectors[:, -K:] / np.sqrt(values[-K:]))[:, ::-1].copy()
     q = (mass @ frames.T).T @ U
-    return U, q, rehearsal_stepper(body, U, q, seed=0)
+    return U, q, synthetic_stepper(body, U, q, seed=0)
 
 
-def test_a_training_motion_is_rehearsed_as_the_full_space_ran_it(
+def test_a_training_motion_runs_as_in_the_full_space(
     body: Scene, space: tuple[Array, Array, ReducedStepper]
 ) -> None:
     _, q, stepper = space
     told: list[int] = []
-    again = rehearse(stepper, body, pulled(body, 1), lambda: told.append(1))
+    again = synthetic_frames(stepper, body, pulled(body, 1), lambda: told.append(1))
     assert again.shape == q.shape
     assert len(told) == len(q)
     assert np.linalg.norm(again - q) < 0.05 * np.linalg.norm(q)
@@ -70,16 +71,16 @@ def test_a_training_motion_is_rehearsed_as_the_full_space_ran_it(
 
 def test_another_motion_gives_other_poses(body: Scene, space: tuple[Array, Array, ReducedStepper]) -> None:
     _, q, stepper = space
-    other = rehearse(stepper, body, pulled(body, 2), lambda: None)
+    other = synthetic_frames(stepper, body, pulled(body, 2), lambda: None)
     assert np.linalg.norm(other - q) > 0.2 * np.linalg.norm(q)
 
 
-def test_gravity_of_the_motion_is_the_gravity_of_the_rehearsal(
+def test_gravity_of_the_motion_is_the_gravity_of_the_run(
     body: Scene, space: tuple[Array, Array, ReducedStepper]
 ) -> None:
     *_, stepper = space
-    hanging = rehearse(stepper, body, Motion("hang", 20), lambda: None)
-    still = rehearse(stepper, body, replace(Motion("float", 20), gravity=np.zeros((20, 3))), lambda: None)
+    hanging = synthetic_frames(stepper, body, Motion("hang", 20), lambda: None)
+    still = synthetic_frames(stepper, body, replace(Motion("float", 20), gravity=np.zeros((20, 3))), lambda: None)
     assert np.linalg.norm(hanging[-1]) > 1e-3
     assert np.linalg.norm(still) < 1e-9
 
@@ -91,12 +92,12 @@ def test_each_part_starts_at_rest_whatever_the_threads(
     *_, stepper = space
     motion = pulled(body, 1)
     told: list[int] = []
-    q = rehearse(stepper, body, motion, lambda: told.append(1), part=22, threads=threads)
+    q = synthetic_frames(stepper, body, motion, lambda: told.append(1), part=22, threads=threads)
     assert len(q) == len(told) == motion.frames == 66
-    np.testing.assert_array_equal(q[:22], rehearse(stepper, body, motion.first(22), lambda: None))
+    np.testing.assert_array_equal(q[:22], synthetic_frames(stepper, body, motion.first(22), lambda: None))
     for drag in range(3):
         own = replace(motion.drags[drag], start=0)
-        alone = rehearse(stepper, body, Motion("alone", 22, (own,)), lambda: None)
+        alone = synthetic_frames(stepper, body, Motion("alone", 22, (own,)), lambda: None)
         np.testing.assert_array_equal(q[22 * drag : 22 * drag + 22], alone)
 
 
@@ -104,7 +105,7 @@ def test_a_lost_run_keeps_the_frames_before(
     body: Scene, space: tuple[Array, Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     *_, stepper = space
-    good = rehearse(stepper, body, Motion("hang", 6), lambda: None)
+    good = synthetic_frames(stepper, body, Motion("hang", 6), lambda: None)
     step, count = stepper.step, iter(range(100))
 
     def lost(*given: Any) -> object:
@@ -114,5 +115,5 @@ def test_a_lost_run_keeps_the_frames_before(
         return state, solution
 
     monkeypatch.setattr(stepper, "step", lost)
-    kept = rehearse(stepper, body, Motion("hang", 6), lambda: None)
+    kept = synthetic_frames(stepper, body, Motion("hang", 6), lambda: None)
     np.testing.assert_array_equal(kept, good[:4])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.learn import Forces
-from ldsim.learn.equilibrium import pose_forces, spread_forces, spread_frames
+from ldsim.learn.equilibrium import Poses, pose_forces, spread_forces, spread_frames
+from ldsim.learn.examples import PoseForces
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mesh.shapes import beam
 from ldsim.space.pca import orthonormalised
@@ -28,11 +28,12 @@ def force(u: Array) -> Array:
     return gradient.ravel()
 
 
-def found(size: int, poses: NDArray[np.float32] = POSES) -> tuple[Forces, Array]:
+def found(size: int, poses: NDArray[np.float32] = POSES) -> tuple[PoseForces, Array]:
     q = BASIS.project(poses)
     calls: list[None] = []
     pieces = [poses[start : start + size] for start in range(0, len(POSES), size)]
-    forces = pose_forces(BODY, U, q, lambda: pieces, spread_frames(len(POSES), 5), lambda: calls.append(None))
+    streamed = Poses(q, lambda: pieces)
+    forces = pose_forces(BODY, BASIS, streamed, spread_frames(len(POSES), 5), lambda: calls.append(None))
     assert len(calls) == 5
     return forces, q
 
@@ -61,20 +62,22 @@ def test_chunks_of_any_size_give_the_same() -> None:
     np.testing.assert_array_equal(whole.excess, pieces.excess)
 
 
-def test_rehearsed_poses_come_after_the_snapshots_and_have_no_excess() -> None:
+def test_synthetic_poses_come_after_the_snapshots_and_have_no_excess() -> None:
     q = BASIS.project(POSES)
-    rehearsed = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(q).max()
+    synthetic = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(q).max()
     calls: list[None] = []
-    forces = spread_forces(BODY, U, q, lambda: [POSES], rehearsed, 7, lambda: calls.append(None))
+    recordings = Poses(q, lambda: [POSES])
+    forces = spread_forces(BODY, BASIS, recordings, synthetic, 7, lambda: calls.append(None))
     np.testing.assert_array_equal(forces.frames, spread_frames(len(q) + 20, 7))
     assert len(calls) == 7
     recorded = forces.frames < len(q)
     assert 0 < recorded.sum() < 7
-    alone = pose_forces(BODY, U, q, lambda: [POSES], forces.frames[recorded], lambda: None)
+    alone = pose_forces(BODY, BASIS, recordings, forces.frames[recorded], lambda: None)
     np.testing.assert_array_equal(forces.stiffness[recorded], alone.stiffness)
     np.testing.assert_array_equal(forces.excess[recorded], alone.excess)
     assert np.abs(forces.excess[~recorded]).max() < 1e-9 * np.abs(forces.excess[recorded]).max()
     for frame, stiffness in zip(forces.frames[~recorded], forces.stiffness[~recorded], strict=True):
-        pose = (rehearsed[frame - len(q)] @ U.T)[None]
-        there = pose_forces(BODY, U, rehearsed[[frame - len(q)]], lambda pose=pose: [pose], np.array([0]), lambda: None)
+        own = synthetic[[frame - len(q)]]
+        pose = Poses(own, lambda own=own: [BASIS.displacement(own[0])[None]])
+        there = pose_forces(BODY, BASIS, pose, np.array([0]), lambda: None)
         np.testing.assert_array_equal(stiffness, there.stiffness[0])

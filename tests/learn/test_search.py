@@ -9,14 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
-from ldsim.learn import Trained, TrainingOptions, train, train_ordered
+from ldsim.learn.examples import Examples
+from ldsim.learn.options import TrainOptions
 from ldsim.learn.search import ORDERED_CODES, TRAININGS, Searched, search
+from ldsim.learn.training import Trained, train, train_ordered
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
 Array = NDArray[np.float64]
 
-OPTIONS = TrainingOptions(hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, patience=300)
+OPTIONS = TrainOptions(hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, validation_share=0.1)
 
 
 def pendulum(frames: int = 200) -> Array:
@@ -36,30 +38,34 @@ def double_pendulum(frames: int = 400) -> Array:
 
 @pytest.mark.parametrize(("q", "dimension"), [(pendulum(), 1), (double_pendulum(), 2)])
 def test_the_search_finds_the_intrinsic_dimension(q: Array, dimension: int) -> None:
-    def error(trained: Trained) -> tuple[float, float]:
-        distance = np.linalg.norm(trained.decoder(trained.encoder(q)) - q, axis=1)
-        return float(distance.max()), float(distance.mean())
+    class Real:
+        leading = staticmethod(train_ordered(Examples(q), 6, OPTIONS))
 
-    ordered = train_ordered(q, 6, OPTIONS)
-    found = search(6, None, lambda r: train(q, r, OPTIONS), ordered, error, tolerance=0.15)
+        def alone(self, r: int) -> Trained:
+            return train(Examples(q), r, OPTIONS)
+
+        def error(self, trained: Trained) -> tuple[float, float]:
+            distance = np.linalg.norm(trained.decoder(trained.encoder(q)) - q, axis=1)
+            return float(distance.max()), float(distance.mean())
+
+    found = search(Real(), 6, None, tolerance=0.15)
     assert found.trained.decoder.r == dimension
     assert found.met
-    assert error(found.trained)[0] <= 0.15
+    assert Real().error(found.trained)[0] <= 0.15
 
 
 class Counted:
     """Trainings that only note their size and meet the tolerance from given sizes on, alone and among ordered codes."""
 
     def __init__(self, k: int, alone: int, among: int) -> None:
-        self.k, self.alone, self.among = k, alone, among
+        self.k, self.enough_alone, self.enough_among = k, alone, among
         self.trained: list[int] = []
-        self.ordered = 0
 
     def make(self, r: int, own: bool) -> Trained:
         weights = [np.full((r, self.k), float(own))]
         return Trained(Decoder.network(weights, [np.zeros(self.k)]), Encoder((), ()), np.zeros((1, 2)), 0)
 
-    def train(self, r: int) -> Trained:
+    def alone(self, r: int) -> Trained:
         self.trained.append(r)
         return self.make(r, own=True)
 
@@ -68,10 +74,10 @@ class Counted:
 
     def error(self, trained: Trained) -> tuple[float, float]:
         own = bool(trained.decoder.weights[0].any())
-        return float(trained.decoder.r < (self.alone if own else self.among)), 0.0
+        return float(trained.decoder.r < (self.enough_alone if own else self.enough_among)), 0.0
 
     def search(self, r: int | None = None) -> Searched:
-        return search(self.k, r, self.train, self.leading, self.error, tolerance=0.5)
+        return search(self, self.k, r, tolerance=0.5)
 
 
 @pytest.mark.parametrize("alone", range(6, 13))
@@ -87,9 +93,10 @@ def test_at_most_two_trainings_follow_the_ordered_one_and_the_result_holds(k: in
 
 def test_the_table_tells_a_training_of_its_own_from_leading_codes() -> None:
     found = Counted(12, alone=8, among=9).search()
-    assert found.tried[-1].tolist() == [7, 1000.0, 0.0]
-    assert found.tried[0].tolist() == [12, 0.0, 0.0]
-    assert found.own.tolist() == [False, False, False, False, False, True, True]
+    table = [(each.r, each.largest, each.mean) for each in found.tried]
+    assert table[-1] == (7, 1.0, 0.0)
+    assert table[0] == (12, 0.0, 0.0)
+    assert [each.own for each in found.tried] == [False, False, False, False, False, True, True]
 
 
 def test_a_given_size_is_trained_once_and_says_whether_it_met_the_tolerance() -> None:
@@ -108,7 +115,7 @@ def test_where_all_ordered_codes_miss_it_their_own_training_tells_which_size_to_
             return (1.0 if trained.decoder.weights[0].any() else 10.0) / trained.decoder.r, 0.0
 
     trainings = Falling(60, alone, 61)
-    found = search(60, None, trainings.train, trainings.leading, trainings.error, tolerance=1.0 / alone + 1e-9)
+    found = search(trainings, 60, None, tolerance=1.0 / alone + 1e-9)
     assert found.trained.decoder.r == alone
     assert found.met
     assert len(trainings.trained) <= TRAININGS
@@ -128,7 +135,7 @@ def test_a_tolerance_out_of_reach_is_said_in_one_line(k: int) -> None:
 
 def test_more_leading_codes_reconstruct_better() -> None:
     q = double_pendulum()
-    leading: Callable[[int], Trained] = train_ordered(q, 4, OPTIONS)
+    leading: Callable[[int], Trained] = train_ordered(Examples(q), 4, OPTIONS)
     errors = [np.linalg.norm(t.decoder(t.encoder(q)) - q, axis=1).mean() for t in map(leading, (1, 2))]
     assert errors[1] < 0.6 * errors[0]
     assert leading(1).decoder.r == 1

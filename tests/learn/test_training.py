@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
-from ldsim.learn import Trained, TrainingOptions, train
-from ldsim.learn.training import _repeated
+from ldsim.learn.examples import Examples
+from ldsim.learn.options import TrainOptions
+from ldsim.learn.training import Trained, _repeated, train
 
 Array = NDArray[np.float64]
 
-OPTIONS = TrainingOptions(hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, patience=300)
+OPTIONS = TrainOptions(
+    hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, validation_share=0.1, recorded_share=0.0
+)
 
 
 def arc(frames: int = 200) -> Array:
@@ -32,36 +33,36 @@ def test_one_latent_coordinate_follows_a_pendulum_better_than_one_linear_one() -
     q = arc()
     direction = np.linalg.svd(q, full_matrices=False)[2][:1]
     linear = np.linalg.norm(q - q @ direction.T @ direction, axis=1).mean()
-    assert mean_error(train(q, 1, OPTIONS), q) < 0.1 * linear
+    assert mean_error(train(Examples(q), 1, OPTIONS), q) < 0.1 * linear
 
 
 def test_rest_maps_to_rest_both_ways() -> None:
-    trained = train(arc(), 1, replace(OPTIONS, epochs=3))
+    trained = train(Examples(arc()), 1, OPTIONS.replace(epochs=3))
     assert not trained.decoder(np.zeros(1)).any()
     assert not trained.encoder(np.zeros((1, 4))).any()
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_does_not() -> None:
-    first, again, other = (train(arc(), 2, replace(OPTIONS, epochs=3, seed=seed)) for seed in (5, 5, 6))
+    first, again, other = (train(Examples(arc()), 2, OPTIONS.replace(epochs=3, seed=seed)) for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.decoder.layers.weights, again.decoder.layers.weights)
     assert not np.array_equal(first.decoder.layers.weights, other.decoder.layers.weights)
 
 
 def test_latent_lengths_are_outer_lengths_on_average() -> None:
     q = arc()
-    trained = train(q, 2, replace(OPTIONS, epochs=40))
+    trained = train(Examples(q), 2, OPTIONS.replace(epochs=40))
     z = trained.encoder(q)
     metric = np.mean([J.T @ J for J in map(trained.decoder.jacobian, z)], axis=0)
     np.testing.assert_allclose(metric, np.eye(2), atol=1e-6)
 
 
 def test_the_weights_kept_are_those_of_the_least_validation_loss() -> None:
-    trained = train(arc(), 1, replace(OPTIONS, epochs=60, learning_rate=0.05))
+    trained = train(Examples(arc()), 1, OPTIONS.replace(epochs=60, learning_rate=0.05))
     assert trained.best_epoch == int(trained.loss[:, 1].argmin())
 
 
 def test_training_stops_when_the_validation_loss_has_gone_stale() -> None:
-    trained = train(arc(), 1, replace(OPTIONS, epochs=2000, learning_rate=0.05, patience=10))
+    trained = train(Examples(arc()), 1, OPTIONS.replace(epochs=2000, learning_rate=0.05, patience=10))
     assert len(trained.loss) < 2000
     assert len(trained.loss) == trained.best_epoch + 11
 
@@ -78,7 +79,7 @@ def test_training_stops_when_the_validation_loss_has_gone_stale() -> None:
 )
 def test_what_cannot_be_trained_is_refused_in_one_line(q: Array, r: int, message: str) -> None:
     with pytest.raises(SolverError, match=message):
-        train(q, r, replace(OPTIONS, epochs=2))
+        train(Examples(q), r, OPTIONS.replace(epochs=2))
 
 
 @pytest.mark.parametrize(("recorded", "share", "times"), [(10, 0.5, 9), (10, 0.25, 3), (10, 0.0, 1), (100, 0.5, 1)])
@@ -90,7 +91,8 @@ def test_recorded_frames_are_repeated_to_their_share(recorded: int, share: float
 
 def test_frames_that_are_repeated_are_learned_better() -> None:
     q = arc()
-    often = train(q, 1, replace(OPTIONS, epochs=40, recorded_share=0.9), recorded=len(q) // 8)
-    alike = train(q, 1, replace(OPTIONS, epochs=40), recorded=len(q) // 8)
+    examples = Examples(q, synthetic=len(q) - len(q) // 8)
+    often = train(examples, 1, OPTIONS.replace(epochs=40, recorded_share=0.9))
+    alike = train(examples, 1, OPTIONS.replace(epochs=40))
     own = q[: len(q) // 8]
     assert mean_error(often, own) < 0.8 * mean_error(alike, own)

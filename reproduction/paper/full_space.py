@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ldsim.errors import SolverError
 from ldsim.learn.network import Autoencoder, extract
-from ldsim.learn.options import TrainingOptions
+from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
@@ -40,7 +40,7 @@ class FullSpaceTrained:
     loss: Array
 
 
-def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: TrainingOptions, mode: str) -> FullSpaceTrained:
+def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: TrainOptions, mode: str) -> FullSpaceTrained:
     """Train with the loss ‖û − u‖² in the full space (paper, Sec. 4.2), by Adam: the outer layers have 3n rows.
 
     Args:
@@ -76,7 +76,7 @@ def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: Training
 
 
 def _fit(
-    data: torch.Tensor, model: Autoencoder, down: torch.nn.Linear, up: torch.nn.Linear, options: TrainingOptions
+    data: torch.Tensor, model: Autoencoder, down: torch.nn.Linear, up: torch.nn.Linear, options: TrainOptions
 ) -> list[float]:
     """Adam on a cosine; the loss of each epoch, scaled."""
     generator = torch.Generator().manual_seed(options.seed)

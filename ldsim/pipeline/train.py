@@ -1,0 +1,156 @@
+"""The stage train: snapshots and a basis → the autoencoder."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.records import StoredModel, write_model
+from ldsim.artefacts.training import TrainingStore, remove_checkpoints
+from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
+from ldsim.jit import one_thread
+from ldsim.learn.equilibrium import Poses, spread_forces
+from ldsim.learn.examples import Examples, PoseForces
+from ldsim.learn.options import EquilibriumTerm, TrainOptions
+from ldsim.learn.search import Searched, search
+from ldsim.learn.training import Trained, train_ordered
+from ldsim.learn.training import train as train_alone
+from ldsim.mechanics.options import PullOptions
+from ldsim.mechanics.pulls import surface_pulls
+from ldsim.pipeline.progress import SILENT, Bar, Progress
+from ldsim.run import Run
+from ldsim.space.novelty import fit_novelty
+from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
+
+Array = NDArray[np.float64]
+
+# Synthetic pulls that are run one after another; then the solid is at rest again.
+PULLS_TOGETHER = 10
+NO_HELDOUT = "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
+
+
+def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress = SILENT) -> StoredModel:
+    """Train the autoencoder of a run that has its basis, and write model.h5.
+
+    What was interrupted goes on where it was, and ends as if it had not been, when it is called with the same options.
+
+    Raises:
+        ArtefactError: scene, snapshots or basis are missing or do not fit each other.
+        SolverError: there is nothing to learn, no r meets the tolerance, or the loss is not finite.
+    """
+    stage, partial = run.stage("train", options), run.folder / "model.partial"
+    run.require("scene", "snapshots", "basis")
+    with one_thread():
+        q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "heldout"))
+        synthetic = _synthetic(run, options.synthetic, q, partial, progress)
+        with progress.bar("train", None, "epoch") as bar:
+            forces = _forces(run, options.equilibrium, q, synthetic, bar)
+            examples = Examples(np.concatenate([q, synthetic]), len(synthetic), forces)
+            trainer = _Trainer(run, examples, options, partial, bar)
+            found = search(trainer, run.basis.k, options.r, options.tolerance_mm / 1e3)
+        errors = np.array([trainer.error(found.trained, role) for role in ("train", "heldout")])
+    if len(unseen) == 0:
+        progress.tell(NO_HELDOUT)
+    model = _stored(run, examples, unseen, found, errors)
+    notes = {"activation": options.activation, "met": int(found.met)}
+    write_model(run.path("model"), stage.header("model", ("snapshots", "basis"), options.seed, **notes), model)
+    remove_checkpoints(partial)
+    run.written("model")
+    return model
+
+
+def _stored(run: Run, examples: Examples, unseen: Array, found: Searched, errors: Array) -> StoredModel:
+    trained, synthetic = found.trained, examples.q[examples.recorded :]
+    return StoredModel(
+        decoder=trained.decoder,
+        encoder=trained.encoder,
+        loss=trained.loss,
+        search=np.array([[each.r, 1e3 * each.largest, 1e3 * each.mean] for each in found.tried]),
+        errors=errors,
+        kp=matching_dimension(run.pca.max_error, errors[0, 0]),
+        best_epoch=trained.best_epoch,
+        search_own=np.array([each.own for each in found.tried]),
+        novelty=fit_novelty(trained.decoder, trained.encoder, examples.q, unseen),
+        synthetic=synthetic.astype(np.float32) if examples.synthetic else None,
+    )
+
+
+def _synthetic(run: Run, options: PullOptions | None, q: Array, partial: Path, progress: Progress) -> Array:
+    """Coordinates of the frames of synthetic pulls, (f, k) in what float32 holds; kept until the model is written.
+
+    Args:
+        q: of the snapshots, to which the cubature rule is fitted that the pulls are stepped with.
+    """
+    if options is None:
+        return np.empty((0, run.basis.k))
+    digest = hashlib.sha256(q.tobytes() + run.basis.matrix.tobytes() + repr(options).encode())
+    store = TrainingStore(partial, "synthetic", digest.hexdigest())
+    kept = store.load()
+    if kept is None:
+        motion = surface_pulls("synthetic", run.scene, options)
+        with progress.bar("train: cubature rule of the synthetic motions", None, "rule") as bar:
+
+            def show(points: int, error: float) -> None:
+                bar.say(f"{points} points, relative error {error:.3f}")
+                bar.update()
+
+            stepper = synthetic_stepper(run.scene, run.basis, q, options.seed, show)
+        with progress.bar("train: synthetic motions", motion.frames, "frame") as bar:
+            made = synthetic_frames(stepper, motion, bar.update, PULLS_TOGETHER * options.frames_of_one)
+        if len(made) < motion.frames:
+            lost = motion.frames - len(made)
+            progress.tell(f"warning: the synthetic motions diverged and lost {lost} of {motion.frames} frames")
+        kept = {"q": made.astype(np.float32)}
+        store.save(kept)
+    return kept["q"].astype(np.float64)
+
+
+def _forces(run: Run, term: EquilibriumTerm | None, q: Array, synthetic: Array, bar: Bar) -> PoseForces | None:
+    """What the equilibrium term asks for, if there is one."""
+    if term is None:
+        return None
+    a = run.lifting.all_coordinates([run.recorded(name).motion for name in run.snapshots.with_role("train")])
+    poses = Poses(q, run.chunks("train"), lambda frame: run.lifting.fields @ a[frame])
+    return spread_forces(run.scene, run.basis, poses, synthetic, term.poses, bar.update)
+
+
+class _Trainer:
+    """The trainings of a search, each with its checkpoint; the ordered one is made once."""
+
+    def __init__(self, run: Run, examples: Examples, options: TrainOptions, partial: Path, bar: Bar) -> None:
+        self._run, self._examples, self._options, self._partial, self._bar = run, examples, options, partial, bar
+        self._ordered: Callable[[int], Trained] | None = None
+
+    def alone(self, r: int) -> Trained:
+        """A training of one size."""
+        return train_alone(self._examples, r, self._options, self._watch(f"r = {r}"), self._store(f"r{r}"))
+
+    def leading(self, r: int) -> Trained:
+        """The leading codes of the ordered training, which is as large as the first that is asked for."""
+        if self._ordered is None:
+            watch, store = self._watch(f"up to r = {r}"), self._store(f"ordered{r}")
+            self._ordered = train_ordered(self._examples, r, self._options, watch, store)
+        return self._ordered(r)
+
+    def error(self, trained: Trained, role: str = "train") -> tuple[float, float]:
+        """Largest and mean vertex error over the snapshots of a role, metres."""
+        return reconstruction_error(self._run.chunks(role), self._run.basis, trained.encoder, trained.decoder)
+
+    def _watch(self, what: str) -> Callable[[int, float, float], None]:
+        def show(epoch: int, training: float, validation: float) -> None:
+            self._bar.say(f"{what}: loss {training:.2e}, validation {validation:.2e}")
+            self._bar.update()
+
+        return show
+
+    def _store(self, name: str) -> TrainingStore:
+        """Where a training of these very examples and options keeps its checkpoint."""
+        given = self._examples
+        digest = hashlib.sha256(given.q.tobytes() + f"{name} {self._options} {given.synthetic}".encode())
+        for array in () if given.forces is None else (given.forces.stiffness, given.forces.excess):
+            digest.update(array.tobytes())
+        return TrainingStore(self._partial, name, digest.hexdigest())
