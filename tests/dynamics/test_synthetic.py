@@ -58,9 +58,7 @@ def space(body: Scene, frames: Array) -> tuple[Array, Array, ReducedStepper]:
     return U, q, synthetic_stepper(body, U, q, seed=0)
 
 
-def test_a_training_motion_runs_as_in_the_full_space(
-    body: Scene, space: tuple[Array, Array, ReducedStepper]
-) -> None:
+def test_a_training_motion_runs_as_in_the_full_space(body: Scene, space: tuple[Array, Array, ReducedStepper]) -> None:
     _, q, stepper = space
     told: list[int] = []
     again = synthetic_frames(stepper, body, pulled(body, 1), lambda: told.append(1))
