@@ -59,17 +59,17 @@ def synthetic_stepper(
 def synthetic_frames(
     stepper: ReducedStepper,
     motion: Motion,
-    progress: Callable[[], object],
-    part: int | None = None,
+    tell: Callable[[], object],
+    together: int | None = None,
     threads: int = 0,
 ) -> Array:
-    """Coordinates of the frames of a motion, (N, k) float64; of a part that is lost, the frames before.
+    """Coordinates of the frames of a motion, (N, k) float64; where a run is lost, of the frames before.
 
     Args:
         motion: whose grabs and gravity are stepped, with all pins at rest.
-        progress: called after each frame.
-        part: frames that are run together; each part starts at rest. None for all of them.
-        threads: that share out the parts, 0 for one a core. The result does not depend on it.
+        tell: called after each frame.
+        together: frames that are run one after another; then the solid is at rest again. None for all of them.
+        threads: that share out these runs, 0 for one a core. The result does not depend on it.
     """
     lock = Lock()
 
@@ -80,9 +80,9 @@ def synthetic_frames(
                 break
             q.append(frame.state.q)
             with lock:
-                progress()
+                tell()
         return np.array(q).reshape(-1, stepper.space.decoder.k)
 
-    length = part or motion.frames
-    parts = [range(start, min(start + length, motion.frames)) for start in range(0, motion.frames, length)]
-    return np.concatenate([np.empty((0, stepper.space.decoder.k)), *in_threads(run, parts, threads)])
+    length = together or motion.frames
+    runs = [range(start, min(start + length, motion.frames)) for start in range(0, motion.frames, length)]
+    return np.concatenate([np.empty((0, stepper.space.decoder.k)), *in_threads(run, runs, threads)])

@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from scipy.sparse import eye_array, kron
 
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.stepper import simulate
 from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.pulls import random_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
+from ldsim.space.basis import Basis
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -39,71 +41,65 @@ def pulled(body: Scene, seed: int) -> Motion:
 def frames(body: Scene) -> Array:
     """The full-space run of the pulls of seed 1, (N, 3n)."""
     motion = pulled(body, 1)
-    stepper, state = FullStepper(body, FullOptions(tolerance=1e-9)), FullState.at_rest(body.mesh.n_vertices)
-    tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
-    result = []
-    for frame in range(motion.frames):
-        state, _ = stepper.step(state, tracker.grabs(frame, state.u))
-        result.append(state.u.ravel())
-    return np.array(result)
+    stepper = FullStepper(body, FullOptions(tolerance=1e-9))
+    return np.array([stepper.displacement(frame.state).ravel() for frame in simulate(stepper, motion)])
 
 
 @pytest.fixture(scope="module")
-def space(body: Scene, frames: Array) -> tuple[Array, Array, ReducedStepper]:
-    """A basis, orthonormal in mass, the coordinates of the frames in it, and what steps synthetic motions."""
+def space(body: Scene, frames: Array) -> tuple[Array, ReducedStepper]:
+    """The coordinates of the frames in a basis, orthonormal in mass, and what steps synthetic motions."""
     mass = kron(body.mass, eye_array(3)).tocsr()
     values, vectors = np.linalg.eigh(frames @ (mass @ frames.T))
     U = np.ascontiguousarray(frames.T @ vectors[:, -K:] / np.sqrt(values[-K:]))[:, ::-1].copy()
-    q = (mass @ frames.T).T @ U
-    return U, q, synthetic_stepper(body, U, q, seed=0)
+    basis = Basis.of(U, body.mass)
+    q = basis.project(frames)
+    return q, synthetic_stepper(body, basis, q, seed=0)
 
 
-def test_a_training_motion_runs_as_in_the_full_space(body: Scene, space: tuple[Array, Array, ReducedStepper]) -> None:
-    _, q, stepper = space
+def test_a_training_motion_runs_as_in_the_full_space(body: Scene, space: tuple[Array, ReducedStepper]) -> None:
+    q, stepper = space
     told: list[int] = []
-    again = synthetic_frames(stepper, body, pulled(body, 1), lambda: told.append(1))
+    again = synthetic_frames(stepper, pulled(body, 1), lambda: told.append(1))
     assert again.shape == q.shape
     assert len(told) == len(q)
     assert np.linalg.norm(again - q) < 0.05 * np.linalg.norm(q)
 
 
-def test_another_motion_gives_other_poses(body: Scene, space: tuple[Array, Array, ReducedStepper]) -> None:
-    _, q, stepper = space
-    other = synthetic_frames(stepper, body, pulled(body, 2), lambda: None)
+def test_another_motion_gives_other_poses(body: Scene, space: tuple[Array, ReducedStepper]) -> None:
+    q, stepper = space
+    other = synthetic_frames(stepper, pulled(body, 2), lambda: None)
     assert np.linalg.norm(other - q) > 0.2 * np.linalg.norm(q)
 
 
-def test_gravity_of_the_motion_is_the_gravity_of_the_run(
-    body: Scene, space: tuple[Array, Array, ReducedStepper]
-) -> None:
-    *_, stepper = space
-    hanging = synthetic_frames(stepper, body, Motion("hang", 20), lambda: None)
-    still = synthetic_frames(stepper, body, replace(Motion("float", 20), gravity=np.zeros((20, 3))), lambda: None)
+def test_gravity_of_the_motion_is_the_gravity_of_the_run(body: Scene, space: tuple[Array, ReducedStepper]) -> None:
+    _, stepper = space
+    hanging = synthetic_frames(stepper, Motion("hang", 20), lambda: None)
+    still = synthetic_frames(stepper, replace(Motion("float", 20), gravity=np.zeros((20, 3))), lambda: None)
     assert np.linalg.norm(hanging[-1]) > 1e-3
     assert np.linalg.norm(still) < 1e-9
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_each_part_starts_at_rest_whatever_the_threads(
-    body: Scene, space: tuple[Array, Array, ReducedStepper], threads: int
+def test_each_group_of_frames_starts_at_rest_whatever_the_threads(
+    body: Scene, space: tuple[Array, ReducedStepper], threads: int
 ) -> None:
-    *_, stepper = space
+    _, stepper = space
     motion = pulled(body, 1)
     told: list[int] = []
-    q = synthetic_frames(stepper, body, motion, lambda: told.append(1), part=22, threads=threads)
+    q = synthetic_frames(stepper, motion, lambda: told.append(1), together=22, threads=threads)
     assert len(q) == len(told) == motion.frames == 66
-    np.testing.assert_array_equal(q[:22], synthetic_frames(stepper, body, motion.first(22), lambda: None))
+    np.testing.assert_array_equal(q[:22], synthetic_frames(stepper, motion.first(22), lambda: None))
     for drag in range(3):
         own = replace(motion.drags[drag], start=0)
-        alone = synthetic_frames(stepper, body, Motion("alone", 22, (own,)), lambda: None)
+        alone = synthetic_frames(stepper, Motion("alone", 22, (own,)), lambda: None)
         np.testing.assert_array_equal(q[22 * drag : 22 * drag + 22], alone)
 
 
 def test_a_lost_run_keeps_the_frames_before(
-    body: Scene, space: tuple[Array, Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
+    body: Scene, space: tuple[Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    *_, stepper = space
-    good = synthetic_frames(stepper, body, Motion("hang", 6), lambda: None)
+    _, stepper = space
+    good = synthetic_frames(stepper, Motion("hang", 6), lambda: None)
     step, count = stepper.step, iter(range(100))
 
     def lost(*given: Any) -> object:
@@ -113,5 +109,5 @@ def test_a_lost_run_keeps_the_frames_before(
         return state, solution
 
     monkeypatch.setattr(stepper, "step", lost)
-    kept = synthetic_frames(stepper, body, Motion("hang", 6), lambda: None)
+    kept = synthetic_frames(stepper, Motion("hang", 6), lambda: None)
     np.testing.assert_array_equal(kept, good[:4])
