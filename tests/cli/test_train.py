@@ -7,19 +7,49 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
+from ldsim.learn.options import TrainOptions
+from ldsim.pipeline.train import train
+from ldsim.run import Run
 from tests.cli.experiments import TINY, Experiment
 
+SYNTHETIC = {"synthetic": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
 LONG = TINY | {"train": {"r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "equilibrium": {"weight": 1.0}}}
 
 
 def weights(experiment: Experiment) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
     with h5py.File(experiment.run / "model.h5") as file:
         return [file[f"{part}/weights_{i}"][:] for part in ("decoder", "encoder") for i in range(2)]
+
+
+def model(experiment: Experiment) -> dict[str, bytes]:
+    """Every dataset of the model, byte for byte."""
+    found: dict[str, bytes] = {}
+    with h5py.File(experiment.run / "model.h5") as file:
+        file.visititems(lambda name, item: found.update({name: item[()].tobytes()}) if hasattr(item, "dtype") else None)
+    return found
+
+
+@pytest.mark.parametrize("given", [{}, SYNTHETIC | {"equilibrium": {"weight": 1.0}, "epochs": 30}], ids=["", "terms"])
+def test_python_and_a_configuration_with_the_same_values_make_the_same_model(
+    experiment: Experiment, given: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    values = TINY["train"] | given
+    experiment.configure(TINY | {"train": values})
+    assert experiment.invoke("train").exit_code == 0
+    written = model(experiment)
+    (experiment.run / "model.h5").unlink()
+    capfd.readouterr()
+    with Run(experiment.run) as run:
+        returned = train(run, TrainOptions(**values))
+        np.testing.assert_array_equal(run.model.decoder.layers.weights, returned.decoder.layers.weights)
+    assert capfd.readouterr() == ("", "")
+    assert model(experiment) == written
 
 
 def test_a_killed_training_goes_on_and_ends_as_an_undisturbed_one(experiment: Experiment) -> None:
@@ -76,12 +106,9 @@ def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experimen
     assert "frames are far from the training motions" in result.stderr
 
 
-SYNTHETIC = TINY["train"] | {"synthetic": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
-
-
 def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment) -> None:
     before = weights(experiment)
-    experiment.configure(TINY | {"train": SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
+    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
     assert experiment.invoke("train").exit_code == 0
     with h5py.File(experiment.run / "model.h5") as file:
         synthetic = file["synthetic"][:]
@@ -95,7 +122,7 @@ def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment
 def test_synthetic_motions_are_not_run_again_after_an_interruption(
     experiment: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    experiment.configure(TINY | {"train": SYNTHETIC})
+    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC})
     assert experiment.invoke("train").exit_code == 0
     undisturbed = weights(experiment)
 
@@ -113,7 +140,7 @@ def test_synthetic_motions_are_not_run_again_after_an_interruption(
 
 def test_synthetic_motions_that_are_lost_are_said(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ldsim.pipeline.train.synthetic_frames", lambda *_: np.ones((7, 6)))
-    experiment.configure(TINY | {"train": SYNTHETIC})
+    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC})
     result = experiment.invoke("train")
     assert result.exit_code == 0
     assert "the synthetic motions diverged and lost 53 of 60 frames" in result.stderr
