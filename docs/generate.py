@@ -1,4 +1,4 @@
-"""Makes the pages of docs/reference/ that follow from the code: settings, schema, artefacts and commands.
+"""Makes the pages of docs/reference/ that follow from the code: settings, schema, artefacts, commands and report.json.
 
 `python docs/generate.py` writes them; a test compares the committed pages with what this file makes of the code.
 """
@@ -17,6 +17,7 @@ from ldsim.artefacts.store import HEADER
 from ldsim.cli.main import COMMANDS, main
 from ldsim.cli.stage import FILES
 from ldsim.optimise.solution import Reason
+from ldsim.report.schema import RunNumbers
 from ldsim.settings import DATA_VARIABLE, STAGES, Settings
 
 HERE = Path(__file__).parent / "reference"
@@ -64,6 +65,17 @@ Every file has these attributes on `/`.
 |---|---|
 """
 
+REPORT_INTRODUCTION = """# report.json
+
+`ldsim report` writes every number of a run to `runs/<experiment>/report/report.json`. Lengths are in millimetres, times
+in seconds unless the key says otherwise. A value that was not measured is null; no key is ever missing.
+`simulate.full[]` is an entry of a list, `<name>` stands for any name.
+[The tutorial](../guide/tutorial.md#reading-the-report) says how to read it.
+
+| key | type | meaning |
+|---|---|---|
+"""
+
 HEADER_MEANINGS = {
     "kind": "one of " + ", ".join(f"`{kind}`" for kind in SCHEMAS),
     "schema_version": "version of this page's tables",
@@ -106,6 +118,7 @@ def pages() -> dict[Path, str]:
         HERE / "schema.json": json.dumps(Settings.model_json_schema(), indent=2, ensure_ascii=False) + "\n",
         HERE / "artefacts.md": artefacts_page(),
         HERE / "commands.md": commands_page(),
+        HERE / "report.md": report_page(),
     }
 
 
@@ -218,6 +231,29 @@ def _dataset_row(entry: Dataset) -> str:
     shape = ", ".join(str(size) for size in entry.shape) + ("," if len(entry.shape) == 1 else "")
     meaning = entry.meaning + (" (optional)" if entry.optional else "")
     return f"| `{entry.path}` | `{entry.dtype}` | ({shape}) | {entry.unit} | {meaning} |\n"
+
+
+def report_page() -> str:
+    """reference/report.md: every key of report.json."""
+    schema = RunNumbers.model_json_schema()
+    rows = (row for key in schema["properties"] for row in _report_rows(key, schema["properties"][key], schema))
+    return MADE.format(source="ldsim/report/schema.py") + REPORT_INTRODUCTION + "".join(rows)
+
+
+def _report_rows(path: str, node: Node, schema: Node) -> Iterator[str]:
+    """The row of one key, and those of the keys below it."""
+    inner = _without_null(node)
+    below, suffix = (inner["items"], "[]") if "items" in inner else (inner.get("additionalProperties") or inner, "")
+    suffix = ".<name>" if below is inner.get("additionalProperties") else suffix
+    section = _resolved(below, schema)
+    kind = "object" if "properties" in section else _type(section)
+    kind = {"[]": f"list of {kind}s", ".<name>": f"{kind} for each name"}.get(suffix, kind)
+    allowed = f": {', '.join(section['enum'])}" if "enum" in section else ""
+    null = " or null" if inner is not node else ""
+    about = node.get("description") or section.get("description", "")
+    yield f"| `{path}{suffix}` | {kind}{null}{allowed} | {about} |\n"
+    for key, child in section.get("properties", {}).items():
+        yield from _report_rows(f"{path}{suffix}.{key}", child, schema)
 
 
 if __name__ == "__main__":

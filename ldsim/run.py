@@ -124,7 +124,8 @@ class Run:
             self.close()
         self._read.pop(kind, None)
         self._hashes.pop(kind, None)
-        self.__dict__.pop("lifting", None)
+        for made in ("lifting", "motions"):
+            self.__dict__.pop(made, None)
 
     def stage(self, name: str, options: Options) -> Stage:
         """The beginning of a stage that will write into this run."""
@@ -153,6 +154,11 @@ class Run:
         names = self.snapshots.with_role(role)
         motions = [self.recorded(name).motion for name in names]
         return self.lifting.taken_off(lambda: self.snapshots.chunks(names), motions)
+
+    @cached_property
+    def motions(self) -> dict[str, Recorded]:
+        """Every motion as it ran in the full space, in the order of the configuration."""
+        return {name: self.recorded(name) for name in self.snapshots.names}
 
     @property
     def pca(self) -> Pca:

@@ -1,116 +1,101 @@
-"""The figures of a comparison: records of runs in, SVG text out."""
+"""The figures of a comparison, from the records of its runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from ldsim.report.compare_runs import REDUCED
-from ldsim.report.plotting import INK, SPACE_COLOURS, SPACE_MARKERS, legend, log_scale, new_axes, to_svg
-from ldsim.report.report_schema import ROLES, SPACES
-from ldsim.report.sections import ROLE_NAMES
+from ldsim.report.figure import MARKERS, Axis, Figure, Series
+from ldsim.report.schema import REDUCED, ROLE_NAMES, ROLES, SPACES
 
 Record = Mapping[str, Any]
-# Shape tells the spaces apart where colour does not; a held-out motion is filled, a training motion hollow.
-MARKERS = {"full": "D"} | SPACE_MARKERS
+Point = tuple[float, float]
 
 
-def figures(records: Sequence[Record]) -> dict[str, str]:
-    """Name → SVG of the figures that there is something to draw in.
+def comparison_figures(records: Sequence[Record]) -> dict[str, Figure]:
+    """Name → the figures that there is something to draw in.
 
     Args:
-        records: of `compare_runs.record`.
+        records: of `compare.record`.
     """
+    names = tuple(record["name"] for record in records)
+    rows, height = Axis(names=names), 1.5 + 0.42 * len(records)
     drawn = {
-        "error_against_time": _error_against_time(records),
-        "online_errors": _online_errors(records),
-        "step_times": _step_times(records),
+        "error_against_time": Figure(
+            "Online error against the time of a step, linear and latent space of each run",
+            Axis("median step, ms", log=True, margin=0.2),
+            Axis("online error, %", log=True, margin=0.15),
+            (*_links(records), *_online(records, lambda i, role, space: _place(records[i], role, space), names)),
+            height=3.7,
+        ),
+        "online_errors": Figure(
+            "Online errors of each run on training and held-out motions",
+            Axis("online error, % of the mean displacement", log=True, margin=0.1),
+            rows,
+            _online(records, lambda i, role, space: _beside(_error(records[i], role, space), i)),
+            height=height,
+        ),
+        "step_times": Figure(
+            "Time of a step of each run in the full, the linear and the latent space",
+            Axis("median step, ms", log=True, margin=0.1),
+            rows,
+            tuple(
+                _marks(space, space, [_beside(record["step_ms"][space], i) for i, record in enumerate(records)])
+                for space in SPACES
+            ),
+            height=height,
+        ),
     }
-    return {name: svg for name, svg in drawn.items() if svg}
+    some = {
+        name: replace(one, series=tuple(series for series in one.series if series.x)) for name, one in drawn.items()
+    }
+    return {name: figure for name, figure in some.items() if figure.series}
+
+
+def _online(
+    records: Sequence[Record], place: Callable[[int, str, str], Point | None], labels: Sequence[str] = ()
+) -> tuple[Series, ...]:
+    """The marks of each reduced space and role, one a run; those of training motions are hollow."""
+    return tuple(
+        _marks(
+            f"{space}, {ROLE_NAMES[role]}",
+            space,
+            [place(i, role, space) for i in range(len(records))],
+            labels if space == "latent" else (),
+            role != "heldout",
+        )
+        for role in reversed(ROLES)
+        for space in REDUCED
+    )
+
+
+def _marks(
+    name: str, space: str, places: Sequence[Point | None], labels: Sequence[str] = (), hollow: bool = False
+) -> Series:
+    """One mark a run where there is a place for it."""
+    x, y = zip(*filter(None, places), strict=True) if any(places) else ((), ())
+    kept = tuple(label for label, place in zip(labels, places, strict=False) if place)
+    return Series(name, space, x, y, "marks", MARKERS[space], dashed=hollow, labels=kept)
+
+
+def _links(records: Sequence[Record]) -> list[Series]:
+    """From each run's linear to its latent space."""
+    ends = [[_place(record, role, space) for space in REDUCED] for record in records for role in ROLES]
+    return [Series("", "ink", (start[0], end[0]), (start[1], end[1]), "link") for start, end in ends if start and end]
+
+
+def _place(record: Record, role: str, space: str) -> Point | None:
+    """Step time and error; None where one is not known."""
+    step, error = record["step_ms"][space], _error(record, role, space)
+    return (step, error) if step and error else None
+
+
+def _beside(value: float | None, row: int) -> Point | None:
+    return (value, row) if value else None
 
 
 def _error(record: Record, role: str, space: str) -> float | None:
     """The online error in per cent; None where it is not known, or 0, which a logarithmic axis has no place for."""
     relative = (record["online"][role][space] or {}).get("relative")
     return 100 * float(relative) if relative else None
-
-
-def _marks(ax: Axes, points: Sequence[tuple[float, float]], space: str, label: str, filled: bool = True) -> bool:
-    """Draw the points of one space; whether there are any."""
-    if points:
-        # A line without width: the page's script reads the values from its path.
-        colour = SPACE_COLOURS[space]
-        x, y = zip(*points, strict=True)
-        face = colour if filled else "none"
-        ax.plot(x, y, marker=MARKERS[space], color=colour, mfc=face, ms=6.5, mew=1.5, lw=0, label=label)
-    return bool(points)
-
-
-def _error_against_time(records: Sequence[Record]) -> str:
-    """Online error against step time, a line from each run's linear to its latent space; empty where nothing is."""
-    figure, ax = new_axes("median step, ms", "online error, %", height=3.7)
-    found = {
-        (role, space, record["name"]): (step, error)
-        for role in reversed(ROLES)
-        for space in REDUCED
-        for record in records
-        if (step := record["step_ms"][space]) and (error := _error(record, role, space))
-    }
-    if not found:
-        return ""
-    for role in reversed(ROLES):
-        for space in REDUCED:
-            points = [point for key, point in found.items() if key[:2] == (role, space)]
-            _marks(ax, points, space, f"{space}, {ROLE_NAMES[role]}", role == "heldout")
-    for (role, space, name), point in found.items():
-        other = found.get((role, "linear", name))
-        if space == "latent":
-            ax.annotate(name, point, xytext=(6, 4), textcoords="offset points", color=INK, fontsize=8)
-            if other is not None:
-                ax.plot([point[0], other[0]], [point[1], other[1]], color=INK, lw=0.7, alpha=0.35, zorder=1)
-    ax.margins(x=0.2, y=0.15)
-    log_scale(ax, "x")
-    log_scale(ax, "y")
-    legend(ax)
-    return to_svg(figure, "Online error against the time of a step, linear and latent space of each run")
-
-
-def _online_errors(records: Sequence[Record]) -> str:
-    """One row a run, its online errors in both reduced spaces and roles."""
-    figure, ax = new_axes("online error, % of the mean displacement", "", height=1.5 + 0.42 * len(records))
-    drawn = [
-        _marks(
-            ax,
-            [(error, row) for row, record in enumerate(records) if (error := _error(record, role, space))],
-            *(space, f"{space}, {ROLE_NAMES[role]}", role == "heldout"),
-        )
-        for role in reversed(ROLES)
-        for space in REDUCED
-    ]
-    label = "Online errors of each run on training and held-out motions"
-    return _rows(figure, ax, records, label) if any(drawn) else ""
-
-
-def _step_times(records: Sequence[Record]) -> str:
-    """One row a run, its step times in the three spaces."""
-    figure, ax = new_axes("median step, ms", "", height=1.3 + 0.42 * len(records))
-    drawn = [
-        _marks(ax, [(step, i) for i, record in enumerate(records) if (step := record["step_ms"][space])], space, space)
-        for space in SPACES
-    ]
-    label = "Time of a step of each run in the full, the linear and the latent space"
-    return _rows(figure, ax, records, label) if any(drawn) else ""
-
-
-def _rows(figure: Figure, ax: Axes, records: Sequence[Record], label: str) -> str:
-    """The SVG of axes with one row a run, the first on top."""
-    ax.set_yticks(range(len(records)), [record["name"] for record in records])
-    ax.tick_params(axis="y", length=0, labelsize=10)
-    ax.set_ylim(len(records) - 0.4, -0.6)
-    ax.margins(x=0.1)
-    log_scale(ax, "x")
-    legend(ax)
-    return to_svg(figure, label)

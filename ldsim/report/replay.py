@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import coarsened, surface_triangles
 from ldsim.report.camera import first_look, upright
-from ldsim.report.errors import MM_PER_M
-from ldsim.report.finished_run import FinishedRun
-from ldsim.report.html import readable
 from ldsim.report.replay_films import Clip, take_clip
+from ldsim.report.runs import reduced_runs, title
+from ldsim.report.schema import MM_PER_M
+from ldsim.report.wording import readable
+from ldsim.run import Run
 from ldsim.web import inlined
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ class Replay:
     caption: str
 
 
-def make_replay(run: FinishedRun) -> Replay | None:
+def make_replay(run: Run) -> Replay | None:
     """All motions that a reduced space ran, held-out ones first; None where there is none."""
     stride, names = _shown(run)
     if not names:
@@ -91,11 +92,11 @@ def packed(values: NDArray[np.generic], kind: str) -> list[str]:
     return [kind, b64encode(np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()).decode("ascii")]
 
 
-def _shown(run: FinishedRun) -> tuple[int, list[str]]:
+def _shown(run: Run) -> tuple[int, list[str]]:
     """Every how-manyth frame, and of which motions, so that the coordinates fit."""
-    names = [name for name in run.recorded if run.reduced_runs(name)]
-    names.sort(key=lambda name: run.recorded[name].role != "heldout")
-    row = 2 * (run.basis.basis.k + EXTRA_MODES) * 3
+    names = [name for name in run.motions if reduced_runs(run, name)]
+    names.sort(key=lambda name: run.motions[name].role != "heldout")
+    row = 2 * (run.basis.k + EXTRA_MODES) * 3
     room = max(COORDINATES_BYTES // row, 1)
     longest = max(int(LONGEST_PAUSE / run.scene.time_step), 1)
 
@@ -114,13 +115,13 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
     return vertices.astype(np.int64), numbers.reshape(triangles.shape).astype(np.int64)
 
 
-def _compressed(run: FinishedRun, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
+def _compressed(run: Run, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
     """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
 
     What the run's basis, with the fields of pins that move, misses of full space (the reduced films lie in it) is
     searched by a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
-    U = np.hstack([run.basis.basis.matrix, run.lifting.fields])
+    U = np.hstack([run.basis.matrix, run.lifting.fields])
     U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
     films = [film for clip in clips for film in clip.films]
@@ -158,7 +159,7 @@ def _drawing_error(
     return worst, total / max(count, 1)
 
 
-def _box(run: FinishedRun, clips: Sequence[Clip], vertices: Indices, turn: Array) -> tuple[Array, Array]:
+def _box(run: Run, clips: Sequence[Clip], vertices: Indices, turn: Array) -> tuple[Array, Array]:
     """The corners (3,), metres, of the upright box that all films stay in."""
     rest = run.scene.mesh.vertices[vertices]
     ends = []
@@ -169,9 +170,7 @@ def _box(run: FinishedRun, clips: Sequence[Clip], vertices: Indices, turn: Array
     return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
-def _described(
-    run: FinishedRun, clip: Clip, stride: int, coordinates: Sequence[NDArray[np.int16]]
-) -> Mapping[str, object]:
+def _described(run: Run, clip: Clip, stride: int, coordinates: Sequence[NDArray[np.int16]]) -> Mapping[str, object]:
     """A clip as the page reads it."""
     far = [film.max_error for film in clip.films if film.max_error is not None and len(film.max_error)]
     limit = float(np.percentile(np.concatenate(far), 98)) if far else 0.0
@@ -186,7 +185,7 @@ def _described(
         "films": [
             {
                 "space": film.space,
-                "title": run.title(film.space),
+                "title": title(run, film.space),
                 "frames": len(c),
                 "coordinates": packed(c, "i2"),
                 "mean_mm": None if film.mean_error is None else packed(MM_PER_M * film.mean_error, "f4"),
@@ -198,12 +197,10 @@ def _described(
     }
 
 
-def _caption(
-    run: FinishedRun, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float
-) -> str:
+def _caption(run: Run, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float) -> str:
     """What is shown and how exactly."""
     every = "every frame" if stride == 1 else f"one frame in {stride}"
-    left_out = sum(bool(run.reduced_runs(name)) for name in run.recorded) - len(names)
+    left_out = sum(bool(reduced_runs(run, name)) for name in run.motions) - len(names)
     told = f" ({left_out} more left out for size)" if left_out else ""
     whole = len(np.unique(surface_triangles(run.scene.mesh)))
     surface = f"all {readable(whole)}" if vertices == whole else f"{readable(vertices)} of {readable(whole)}"

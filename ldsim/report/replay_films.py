@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.report.finished_run import FinishedRun
+from ldsim.report.runs import reduced_runs
+from ldsim.run import Run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,9 +52,9 @@ class Clip:
     drags: Sequence[tuple[int, Array]]
 
 
-def take_clip(run: FinishedRun, motion: str, stride: int, vertices: Indices) -> Clip:
+def take_clip(run: Run, motion: str, stride: int, vertices: Indices) -> Clip:
     """Every `stride`-th frame of a motion in every space, on the given vertices (v,)."""
-    recorded, reduced = run.recorded[motion], run.reduced_runs(motion)
+    recorded, reduced = run.motions[motion], reduced_runs(run, motion)
     frames = np.arange(stride - 1, run.snapshots.frames(motion), stride)
     if len(frames) == 0:
         frames = np.array([run.snapshots.frames(motion) - 1])
@@ -72,7 +73,7 @@ def take_clip(run: FinishedRun, motion: str, stride: int, vertices: Indices) -> 
 
 
 def _full_film(
-    run: FinishedRun, motion: str, frames: Indices, vertices: Indices, pulled: Sequence[tuple[Indices, Indices]]
+    run: Run, motion: str, frames: Indices, vertices: Indices, pulled: Sequence[tuple[Indices, Indices]]
 ) -> Film:
     """The recorded frames; one is read at a time."""
     read = run.snapshots.reader(motion)
@@ -89,7 +90,7 @@ def _full_film(
 
 
 def _reduced_film(
-    run: FinishedRun,
+    run: Run,
     motion: str,
     space: str,
     trajectory: Trajectory,
@@ -104,8 +105,8 @@ def _reduced_film(
     if trajectory.max_error is not None:
         whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
     kept = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
-    U = np.hstack([run.basis.basis.matrix[:, : q.shape[1]], run.lifting.fields])
-    q = np.hstack([q, run.lifting.coordinates(run.recorded[motion].motion)])
+    U = np.hstack([run.basis.matrix[:, : q.shape[1]], run.lifting.fields])
+    q = np.hstack([q, run.lifting.coordinates(run.motions[motion].motion)])
     U = U.reshape(-1, 3, q.shape[1])
     rows = U[vertices].reshape(-1, q.shape[1])
     grips = []

@@ -22,7 +22,7 @@ from results_file import Row, row, write_results
 
 from ldsim.cubature.fit import METHODS
 from ldsim.jit import one_thread
-from ldsim.report.plotting import GREEN, LATENT, LINEAR, new_axes, to_svg
+from ldsim.report.svg import PALETTE, new_axes, to_svg
 
 HERE = Path(__file__).parent
 # The poses of the dragon are carried over from a coarser mesh, so that one is stepped.
@@ -74,7 +74,9 @@ def growth(rows: list[Row]) -> list[Row]:
 def picture(rows: list[Row], name: str) -> str:
     """Points against held-out error of one model, one line a method."""
     figure, ax = new_axes("cubature points", f"relative error on held-out poses, {name}")
-    colours = dict(zip(METHODS, (LATENT, LINEAR, GREEN, "#b06fa8", "#7a828c"), strict=True))
+    colours = dict(
+        zip(METHODS, (PALETTE["latent"], PALETTE["linear"], PALETTE["second"], "#b06fa8", "#7a828c"), strict=True)
+    )
     for method, colour in colours.items():
         start = f"error, held-out poses, force, {method}, "
         line = [

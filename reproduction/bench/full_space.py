@@ -45,7 +45,7 @@ from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import cross
 from ldsim.pipeline.ensemble import run_motion
-from ldsim.report.plotting import FULL, LATENT, new_axes, to_svg
+from ldsim.report.svg import PALETTE, new_axes, to_svg
 
 Array = NDArray[np.float64]
 
@@ -244,9 +244,9 @@ def scaling(quick: bool) -> list[Row]:
 def picture(cells: Array, ms: Array, exponent: float, factor: float) -> str:
     """Time a frame against cells, both logarithmic, with the fitted power."""
     figure, ax = new_axes("cells (tet4)", "median frame while dragging, ms")
-    ax.loglog(cells, ms, "o", color=FULL)
+    ax.loglog(cells, ms, "o", color=PALETTE["full"])
     ends = np.array([cells.min(), cells.max()])
-    ax.loglog(ends, factor * ends**exponent, color=LATENT, label=f"proportional to cells^{exponent:.2f}")
+    ax.loglog(ends, factor * ends**exponent, color=PALETTE["latent"], label=f"proportional to cells^{exponent:.2f}")
     ax.legend(frameon=False, fontsize=8, labelcolor="#23282f")
     return to_svg(figure, "Median time of a full-space frame while dragging, against the number of cells")
 

@@ -26,7 +26,7 @@ from space_parts import Row, Solid, measure_pca, measure_space, measure_stepped,
 
 from ldsim.artefacts.store import file_hash
 from ldsim.jit import one_thread
-from ldsim.report.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 
 HERE = Path(__file__).parent
 PICTURES = HERE.parent / "docs" / "pictures"
@@ -131,7 +131,11 @@ def picture(rows: list[Row], name: str) -> str:
     motions = dict.fromkeys(r["quantity"].split(", ")[1] for r in own if r["quantity"].startswith(start))
     for motion in motions:
         line = "-" if "(heldout)" in motion else "--"
-        for kind, colour, marker in (("linear", LINEAR, "o"), ("latent", LATENT, "o"), ("stepped", LATENT, "D")):
+        for kind, colour, marker in (
+            ("linear", PALETTE["linear"], "o"),
+            ("latent", PALETTE["latent"], "o"),
+            ("stepped", PALETTE["latent"], "D"),
+        ):
             found = errors(own, motion, kind)
             if found:
                 sizes, values = zip(*found.items(), strict=True)

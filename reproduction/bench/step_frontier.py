@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from results_file import Row, row
 
-from ldsim.report.plotting import LATENT, LINEAR, legend, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 
 
 class Point(NamedTuple):
@@ -72,7 +72,7 @@ def rows(model: str, table: list[Point]) -> list[Row]:
 def picture(model: str, motion: str, table: list[Point]) -> str:
     """Online error against median step, every space and set measured, the frontier of each kind as a line."""
     figure, ax = new_axes("median step, ms; numbers: dimension, points", f"online error on {motion}, %", height=3.6)
-    for kind, colour in (("latent", LATENT), ("linear", LINEAR)):
+    for kind, colour in (("latent", PALETTE["latent"]), ("linear", PALETTE["linear"])):
         own = sorted((p.median_ms, 100 * p.online_error, p) for p in table if p.space == kind and p.motion == motion)
         front = [entry for i, entry in enumerate(own) if all(entry[1] < other[1] for other in own[:i])]
         behind = [entry for entry in own if entry not in front]

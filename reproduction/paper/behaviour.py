@@ -14,7 +14,7 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import split_poses
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import one_thread
-from ldsim.report.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.space.decoder import Decoder
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.reduced_runs import Material, opened, relative_error
@@ -46,7 +46,7 @@ def one_cubature_point(bench: Bench) -> Outcome:
         full = np.linalg.norm(run.frames(name), axis=2).max(axis=1)
     figure, ax = new_axes("frame", "largest displacement, m", height=3.2)
     for space, values in {"full": full, **reach}.items():
-        ax.plot(values, color=SPACE_COLOURS[space], label=space)
+        ax.plot(values, color=PALETTE[space], label=space)
     log_scale(ax, "y")
     legend(ax)
     over = {space: _largest(values) / float(full.max()) for space, values in reach.items()}
@@ -94,7 +94,7 @@ def cubature_against_every_element(bench: Bench) -> Outcome:
     figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
     for i, (label, trajectory) in enumerate(played.items()):
         assert trajectory.mean_error is not None
-        ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=0.5 + 0.5 * i, label=label)
+        ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=0.5 + 0.5 * i, label=label)
     legend(ax)
     errors = {label: relative_error(trajectory) for label, trajectory in played.items()}
     every, few = errors.values()
@@ -121,7 +121,7 @@ def material_after_training(bench: Bench) -> Outcome:
     figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
     for i, (label, trajectory) in enumerate(curves.items()):
         assert trajectory.mean_error is not None
-        ax.plot(1e3 * trajectory.mean_error, color=SPACE_COLOURS["latent"], alpha=1 - 0.5 * i, label=label)
+        ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=1 - 0.5 * i, label=label)
     legend(ax)
     errors = {label: relative_error(trajectory) for label, trajectory in curves.items()}
     errors["stiffened, material not changed"] = relative_error(unchanged)
@@ -154,7 +154,7 @@ def local_pull(bench: Bench) -> Outcome:
         shares = {space: _share(u, far) for space, u in moved.items()}
     figure, ax = new_axes("frame", "mean displacement of the far half, mm", height=3.2)
     for space, u in moved.items():
-        ax.plot(1e3 * np.linalg.norm(u[:, far], axis=2).mean(axis=1), color=SPACE_COLOURS[space], label=space)
+        ax.plot(1e3 * np.linalg.norm(u[:, far], axis=2).mean(axis=1), color=PALETTE[space], label=space)
     legend(ax)
     relations = (
         Relation(

@@ -16,7 +16,7 @@ from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.jit import one_thread
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Solution
-from ldsim.report.plotting import SPACE_COLOURS, legend, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import nearest_latent
 from reproduction.paper.experiment import Bench, Outcome, Relation
@@ -88,7 +88,7 @@ def convergence(bench: Bench) -> Outcome:
     for space, curve in curves.items():
         iterations, values = np.array(curve).T
         shown = values > 0
-        ax.plot(iterations[shown], values[shown], color=SPACE_COLOURS[space], marker=".", label=space)
+        ax.plot(iterations[shown], values[shown], color=PALETTE[space], marker=".", label=space)
     log_scale(ax, "y")
     legend(ax)
     numbers = {

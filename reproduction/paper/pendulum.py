@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.report.plotting import GREEN, LATENT, LINEAR, SPACE_COLOURS, legend, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from ldsim.space.decoder import Decoder
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.reduced_runs import Material, opened, relative_error
@@ -59,7 +59,12 @@ def _displacements(run: Material, q: Array) -> Array:
 
 def _draw(paths: dict[str, Array], label: str) -> str:
     figure, ax = new_axes("x, m", "y, m", height=3.4)
-    colours = {"full": SPACE_COLOURS["full"], "PCA-1": LINEAR, "PCA-2": GREEN, "autoencoder-1": LATENT}
+    colours = {
+        "full": PALETTE["full"],
+        "PCA-1": PALETTE["linear"],
+        "PCA-2": PALETTE["second"],
+        "autoencoder-1": PALETTE["latent"],
+    }
     for name, path in paths.items():
         wide = 4.0 if name == "full" else 1.5
         ax.plot(path[:, 0], path[:, 1], color=colours[name], lw=wide, alpha=0.5 if name == "full" else 1, label=name)

@@ -11,7 +11,7 @@ from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import Trained, train
-from ldsim.report.plotting import INK, LATENT, LINEAR, legend, log_scale, new_axes, to_svg
+from ldsim.report.svg import INK, PALETTE, legend, log_scale, new_axes, to_svg
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.reduced_runs import Material, opened
 from reproduction.paper.scenes import bar, cross
@@ -61,12 +61,12 @@ def depth(bench: Bench) -> Outcome:
         for key in ("max_mm", "step_ms", "evaluation_us")
     }
     figure, ax = new_axes("hidden layers", "largest vertex error, mm", height=3.2)
-    ax.plot(depths, means["max_mm"], color=LATENT, marker="o", label="error")
+    ax.plot(depths, means["max_mm"], color=PALETTE["latent"], marker="o", label="error")
     time = ax.twinx()
     time.set_ylabel("one step, ms", color=INK, fontsize=9.5)
     time.spines[:].set_visible(False)
-    time.plot(depths, means["step_ms"], color=LINEAR, marker="s")
-    ax.plot([], [], color=LINEAR, marker="s", label="step time (right)")
+    time.plot(depths, means["step_ms"], color=PALETTE["linear"], marker="s")
+    ax.plot([], [], color=PALETTE["linear"], marker="s", label="step time (right)")
     legend(ax)
     relations = (
         Relation(
@@ -106,8 +106,8 @@ def latent_and_outer_size(bench: Bench) -> Outcome:
     figure, ax = new_axes("latent dimension r", "largest vertex error, mm", height=3.4)
     for i, (k, row) in enumerate(table.items()):
         shade = 0.35 + 0.65 * i / max(len(table) - 1, 1)
-        ax.plot(list(row), list(row.values()), color=LATENT, alpha=shade, marker="o", label=f"k = {k}")
-        ax.axhline(floor[k], color=LINEAR, alpha=shade, lw=1, ls=(0, (4, 2)))
+        ax.plot(list(row), list(row.values()), color=PALETTE["latent"], alpha=shade, marker="o", label=f"k = {k}")
+        ax.axhline(floor[k], color=PALETTE["linear"], alpha=shade, lw=1, ls=(0, (4, 2)))
     log_scale(ax, "y")
     legend(ax)
     label = "Largest training error against the latent dimension; dashed, the floor of PCA with k columns"

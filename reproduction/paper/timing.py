@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.report.paper import paper_row
-from ldsim.report.plotting import LATENT, LINEAR, legend, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.reduced_runs import opened, relative_error
 from reproduction.paper.scenes import Configuration, armadillo, bar, cross, elephant
@@ -58,9 +58,9 @@ def table_one(bench: Bench) -> Outcome:
     ratios = {name: row["linear"].step_ms / row["latent"].step_ms for name, row in rows.items()}
     figure, ax = new_axes("", "linear step over latent step", height=3.0)
     places = np.arange(len(rows))
-    ax.bar(places - 0.2, list(ratios.values()), 0.38, color=LATENT, label="here")
+    ax.bar(places - 0.2, list(ratios.values()), 0.38, color=PALETTE["latent"], label="here")
     paper = [row.speedup for row in map(paper_row, rows) if row is not None]
-    ax.bar(places + 0.2, paper, 0.38, color=LINEAR, alpha=0.6, label="paper")
+    ax.bar(places + 0.2, paper, 0.38, color=PALETTE["linear"], alpha=0.6, label="paper")
     ax.set_xticks(places, list(rows))
     legend(ax)
     numbers = {name: {space: asdict(side) for space, side in row.items()} for name, row in rows.items()}
@@ -111,7 +111,7 @@ def armadillo_speed(bench: Bench) -> Outcome:
 def _two_bars(linear: Side, latent: Side, heights: tuple[float, float], what: str, texts: Iterable[str]) -> Figure:
     """A bar for the linear and one for the latent space, a text over each."""
     figure, ax = new_axes("", what, height=3.0)
-    ax.bar([0, 1], heights, 0.5, color=[LINEAR, LATENT])
+    ax.bar([0, 1], heights, 0.5, color=[PALETTE["linear"], PALETTE["latent"]])
     for place, (height, text) in enumerate(zip(heights, texts, strict=True)):
         ax.annotate(text, (place, height), ha="center", va="bottom", fontsize=9)
     ax.set_xticks([0, 1], [f"linear, k = {linear.dimension}", f"latent, r = {latent.dimension}"])

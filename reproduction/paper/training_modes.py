@@ -13,7 +13,7 @@ from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import train
-from ldsim.report.plotting import LATENT, LINEAR, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, log_scale, new_axes, to_svg
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.full_space import train_full_space
 from reproduction.paper.reduced_runs import opened
@@ -76,8 +76,8 @@ def _squared_error(u: Array, decoded: Array) -> float:
 
 def _drawn(errors: dict[str, float], linear: dict[int, float]) -> Figure:
     figure, ax = new_axes("", "mean squared error, m²", height=3.2)
-    bars = {**{NAMES[name]: (value, LATENT) for name, value in errors.items()}}
-    bars |= {f"PCA-{k}": (value, LINEAR) for k, value in linear.items()}
+    bars = {**{NAMES[name]: (value, PALETTE["latent"]) for name, value in errors.items()}}
+    bars |= {f"PCA-{k}": (value, PALETTE["linear"]) for k, value in linear.items()}
     for place, (value, colour) in enumerate(bars.values()):
         ax.bar(place, value, color=colour, width=0.6)
     ax.set_xticks(range(len(bars)), [name.replace(", ", ",\n") for name in bars], fontsize=7)

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from ldsim.cli.main import main
-from ldsim.report.report_schema import check_report
+from ldsim.report.schema import check_report
 from tests.report.small_run import CONFIG, FRAMES, NAME, write_run
 
 

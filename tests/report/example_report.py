@@ -21,13 +21,13 @@ def example_report() -> dict[str, Any]:
         "cubature": {
             "latent": {
                 "points": 69,
-                "relative_error": {"train": 0.0497, "heldout": 0.1123},
-                "virtual": {"points": 32, "relative_error": {"train": 0.0873, "heldout": 0.1012}},
+                "relative_error": {"fitted": 0.0497, "kept_back": 0.1123},
+                "virtual": {"points": 32, "relative_error": {"fitted": 0.0873, "kept_back": 0.1012}},
                 "seconds": 4.31,
             },
             "linear": {
                 "points": 366,
-                "relative_error": {"train": 0.0731, "heldout": None},
+                "relative_error": {"fitted": 0.0731, "kept_back": None},
                 "virtual": None,
                 "seconds": 18.72,
             },
@@ -67,6 +67,6 @@ def _run(
         "iterations": iterations,
         "evaluations": evaluations,
         "online_error": error and dict(zip(keys, error, strict=True)),
-        "trust": None,
+        "novelty": None,
         "diverged": False,
     }

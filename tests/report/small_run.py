@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,17 +12,12 @@ from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
     StoredCubature,
     StoredModel,
-    read_basis,
-    read_cubature,
-    read_model,
-    read_scene,
     write_basis,
     write_cubature,
     write_model,
     write_scene,
 )
-from ldsim.artefacts.simulation import read_simulation, write_simulation
-from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
@@ -32,13 +25,14 @@ from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
-from ldsim.pipeline.comparison import with_errors
-from ldsim.report.finished_run import FinishedRun
+from ldsim.pipeline.comparison import Reference, with_errors
+from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.pca import Pca, errors_against_k, orthonormalised
 from ldsim.space.projection import matching_dimension, reconstruction_error
+from ldsim.space.space import Space
 from tests.helpers import scene as scene_of
 
 Array = NDArray[np.float64]
@@ -83,18 +77,16 @@ def write_run(folder: Path, lost: tuple[str, str] | None = None, heldout: bool =
     _write_simulation(folder, U, model, fields, scene, lost)
 
 
-@contextmanager
-def finished_run(folder: Path) -> Iterator[FinishedRun]:
-    """The run in a folder, open for a report."""
-    scene, *rest = read_scene(folder / "scene.h5")
-    basis, basis_header = read_basis(folder / "basis.h5", scene)
-    model, model_header = read_model(folder / "model.h5")
-    cubature, cubature_header = read_cubature(folder / "cubature.h5")
-    trajectories, simulation_header = read_simulation(folder / "simulation.h5")
-    with Snapshots(folder / "snapshots.h5") as snapshots:
-        read = (*rest, snapshots.header, basis_header, model_header, cubature_header, simulation_header)
-        headers = {header.kind: header for header in read}
-        yield FinishedRun(NAME, scene, snapshots, basis, model, cubature, trajectories, headers)
+def finished_run(folder: Path) -> Run:
+    """The run in a folder, to be opened for a report."""
+    return Run(folder, NAME)
+
+
+def changed(run: Run, kind: str, value: object = None, **notes: str | float | int) -> Run:
+    """The same run with another content, or other notes in the header, of one artefact."""
+    old, header = getattr(run, {"basis": "pca"}.get(kind, kind)), run.header(kind)
+    run._read[kind] = (old if value is None else value, replace(header, notes={**header.notes, **notes}))
+    return run
 
 
 def _header(folder: Path, kind: str, **notes: str | float | int) -> Header:
@@ -205,8 +197,9 @@ def _write_simulation(
             if (space, name) == lost:
                 run = _lost(run)
             windowed = replace(run, coordinates=near[1])
-            data = field
-            runs[space][name] = with_errors(run, U[:, :columns], lambda a, b: data[a:b], windowed)
+            reference = Reference(Motion(name, len(field)), {}, lambda a, b, data=field: data[a:b])
+            held = Space.linear(scene, Basis.of(U, scene.mass), columns)
+            runs[space][name] = with_errors(run, windowed, held, reference)
     write_simulation(folder / "simulation.h5", _header(folder, "simulation"), runs)
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from ldsim.errors import ArtefactError
-from ldsim.report.compare_figures import figures
-from ldsim.report.compare_page import render_comparison
-from ldsim.report.compare_runs import Reported, comparison, read_runs, record
-from ldsim.report.plotting import SPACE_COLOURS
+from ldsim.report.compare import Reported, comparison, comparison_page, read_runs, record
+from ldsim.report.compare_figures import comparison_figures
+from ldsim.report.schema import RunNumbers
 from tests.report.example_report import example_report
 from tests.report.test_page import LOADING_ATTRIBUTES, Outline, numbers_of
 
@@ -21,16 +19,16 @@ WHEN = "2030-04-05T06:07:08Z"
 
 
 def run_of(name: str, **changes: Any) -> Reported:
-    return Reported(name, Path("runs", name), example_report() | {"experiment": name} | changes)
+    report = RunNumbers.model_validate(example_report() | {"experiment": name} | changes)
+    return Reported(name, Path("runs", name), report)
 
 
 def compared(*runs: Reported) -> dict[str, Any]:
-    return comparison(runs, WHEN, [f"{run.name}/report.html" for run in runs])
+    return comparison(runs, WHEN, Path("pages"))
 
 
 def page_of(*runs: Reported) -> str:
-    content = compared(*runs)
-    return render_comparison(runs, content, figures(content["runs"]))
+    return comparison_page(runs, compared(*runs))
 
 
 def with_run(space: str, **changes: Any) -> dict[str, Any]:
@@ -48,7 +46,7 @@ def test_a_record_holds_the_report_s_own_numbers():
     found = record(run_of("x"))
     assert (found["k"], found["r"], found["kp"], found["cells"]) == (60, 10, 37, 29687)
     assert found["points"] == {"linear": 366, "latent": 69}
-    assert found["cubature_error"]["latent"] == {"train": 0.0497, "heldout": 0.1123}
+    assert found["cubature_error"]["latent"] == {"fitted": 0.0497, "kept_back": 0.1123}
     assert found["motion"] == "x_2" and found["step_ms"] == {"full": 131.9, "linear": 4.09, "latent": 0.243}
     assert found["online"]["train"]["latent"]["relative"] == 0.0826
     assert found["online"]["heldout"]["linear"]["relative"] == 0.2104
@@ -74,12 +72,12 @@ def test_a_motion_without_a_full_space_run_does_not_stand_for_the_others():
     assert found["online"]["heldout"]["latent"]["motion"] == "x_2"
 
 
-def test_trust_is_that_of_the_worst_run():
-    trust = {"median": 1.0, "threshold": 2.0, "distrusted": 0.25, "rank_correlation": 0.1}
-    trust["rank_correlation_remembered"] = 0.61
-    simulate = with_run("latent", online_error=error(0.8), trust=trust)
+def test_novelty_is_that_of_the_worst_run():
+    novelty = {"median": 1.0, "threshold": 2.0, "share_above": 0.25, "rank_correlation": 0.1}
+    novelty["rank_correlation_remembered"] = 0.61
+    simulate = with_run("latent", online_error=error(0.8), novelty=novelty)
     found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
-    assert (found["distrusted"], found["rank_correlation_remembered"]) == (0.25, 0.61)
+    assert (found["share_above"], found["rank_correlation_remembered"]) == (0.25, 0.61)
 
 
 def test_each_warning_names_its_run_and_stands_before_every_table():
@@ -89,7 +87,7 @@ def test_each_warning_names_its_run_and_stands_before_every_table():
         "beam: the solid has left the building",
     ]
     page = page_of(*runs)
-    assert page.index("left the building") < min(page.index("<table"), page.index("<svg"))
+    assert page.index("left the building") < min(page.index("<table"), page.index('<div class="plot">'))
     assert "No warnings" in page_of(run_of("x", warnings=[]))
 
 
@@ -118,7 +116,7 @@ def test_the_page_is_whole_and_loads_nothing():
 
 def test_every_run_links_to_its_report():
     links = Outline(page_of(run_of("x"), run_of("torus"))).values("a", "href")
-    assert set(links) == {"x/report.html", "torus/report.html"}
+    assert set(links) == {"../runs/x/report/report.html", "../runs/torus/report/report.html"}
 
 
 def test_every_number_of_the_comparison_is_on_the_page():
@@ -142,19 +140,32 @@ def test_hostile_names_are_shown_and_not_run():
 
 
 def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
-    drawn = figures(compared(run_of("x"), run_of("beam"))["runs"])
-    coloured = "|".join(SPACE_COLOURS.values())
-    marks = {name: len(re.findall(f"<use [^>]*(?:{coloured})", svg)) for name, svg in drawn.items()}
-    assert marks == {"error_against_time": 2 * 3 + 3, "online_errors": 2 * 3 + 3, "step_times": 2 * 3 + 3}
-    assert all(svg.count('class="ldsim-curve"') == 3 for svg in drawn.values())
-    hollow = {name: svg.count("fill-opacity: 0; stroke: #d55e00") for name, svg in drawn.items()}
-    assert hollow == {"error_against_time": 2 + 1, "online_errors": 2 + 1, "step_times": 0}  # training, latent
+    drawn = comparison_figures(compared(run_of("x"), run_of("beam"))["runs"])
+    marks = {name: [one for one in figure.series if one.kind == "marks"] for name, figure in drawn.items()}
+    assert {name: [len(one.x) for one in found] for name, found in marks.items()} == dict.fromkeys(drawn, [2, 2, 2])
+    assert set(drawn) == {"error_against_time", "online_errors", "step_times"}
+    for found in marks.values():
+        assert all(one.name.startswith(one.colour) for one in found) and len({one.name for one in found}) == 3
+    hollow = {name: [one.name for one in found if one.dashed] for name, found in marks.items()}
+    assert hollow == {**dict.fromkeys(drawn, ["latent, training"]), "step_times": []}
+
+
+def test_marks_stand_at_the_numbers_of_their_run():
+    fast = with_run("latent", online_error=error(0.8))
+    drawn = comparison_figures(compared(run_of("x"), run_of("beam", simulate=fast))["runs"])
+    heldout = next(one for one in drawn["error_against_time"].series if one.name == "latent, held-out")
+    assert heldout.x == (0.243, 0.243) and heldout.y == pytest.approx((33.13, 80.0))
+    assert heldout.labels == ("x", "beam") and drawn["online_errors"].y.names == ("x", "beam")
+    links = [one for one in drawn["error_against_time"].series if one.kind == "link"]
+    assert [(one.x, one.y) for one in links] == [
+        ((4.09, 0.243), (pytest.approx(21.04), pytest.approx(end))) for end in (33.13, 80.0)
+    ]
 
 
 def test_runs_that_simulated_nothing_have_a_page_without_figures():
     nothing = {"simulate": {"full": [], "linear": [], "latent": []}, "cubature": {"latent": None, "linear": None}}
     page = page_of(run_of("x", **nothing, stages={}), run_of("torus", **nothing, stages={}))
-    assert Outline(page) and "<svg" not in page
+    assert Outline(page) and 'class="plot"' not in page
 
 
 # Reading
@@ -184,7 +195,7 @@ def test_bad_runs_are_named_with_what_to_do(tmp_path):
         (file, "file does not exist or is no folder"),
         (bare, "report.json does not exist; run `ldsim report CONFIG`"),
         (write(tmp_path / "cut", '{"experiment": "x"'), "report.json cannot be read"),
-        (write(tmp_path / "old", json.dumps(old)), "warnings is missing (and 1 more); run `ldsim report CONFIG`"),
+        (write(tmp_path / "old", json.dumps(old)), "dims.kp is missing (and 1 more); run `ldsim report CONFIG`"),
         (write(tmp_path / "list", "[]"), "is not what this version of ldsim writes"),
         (tmp_path / "good" / ".." / "good", "is given 2 times; give each run once"),
     ):

@@ -1,58 +1,73 @@
-"""Figures are small, valid SVG whose words are text and whose curves keep their peaks."""
+"""Figures hold the run's own numbers; as files they are small, valid SVG whose words are text."""
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Iterator
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
 import pytest
 
-from ldsim.report.errors import ErrorSummary
-from ldsim.report.figures import (
-    CubatureCurve,
-    ErrorCurve,
-    StepTime,
-    cubature_error,
-    error_against_k,
-    online_error_over_time,
-    singular_values,
-    step_times,
-    training_history,
-)
-from ldsim.report.plotting import INK, LATENT, LINEAR, MAX_POINTS, plain_number, thinned
+from ldsim.report.figure import MAX_POINTS, Axis, Figure, Guide, Series, curve, thinned
+from ldsim.report.figures import draw_figures
+from ldsim.report.numbers import pooled_seconds
+from ldsim.report.svg import INK, PALETTE, drawn
+from ldsim.report.wording import plain_number
+from ldsim.run import Run
+from ldsim.space.novelty import Novelty
+from tests.report.small_run import FRAMES, K, R, changed, finished_run, write_run
 
 SVG = "{http://www.w3.org/2000/svg}"
 LONG = np.arange(1.0, 20001.0)
 NOISE = np.exp(np.random.default_rng(3).normal(size=LONG.shape))
 
 
-def every_figure() -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Name → the figure of long noisy data, and words that must stand in it."""
-    modes = np.arange(1.0, 101.0)
-    curve = ErrorCurve(60 * np.exp(-modes / 14), 5 * np.exp(-modes / 14))
-    ladder = np.array([8.0, 16.0, 64.0, 256.0])
-    cubature = [CubatureCurve("latent", ladder, 1 / ladder, 2 / ladder), CubatureCurve("linear", ladder, 3 / ladder)]
-    times = {"full": StepTime(138.0, 190.0), "linear": StepTime(4.12, 6.3), "latent": StepTime(0.241, 0.31)}
-    marks = {"r": 10, "kp": 37, "k": 60}
+def every_kind() -> dict[str, tuple[Figure, tuple[str, ...]]]:
+    """Name → a figure of long noisy data, and words that must stand in it."""
+    log = Axis("number of modes", log=True)
+    rows = Axis(names=("full", "latent"))
+    marks = Series("median", "latent", (0.25, 138.0), (1, 0), "marks", "circle", labels=("0.25", "138"))
+    link = Series("", "ink", (0.25, 138.0), (1, 1), "link")
+    noise = curve("loss", "latent", LONG, NOISE)
     return {
-        "error_against_k": (
-            error_against_k(modes, curve, curve, marks, ErrorSummary(4.25, 0.147)),
-            ("kp = 37", "autoencoder max 4.25 mm", "max, held-out", "number of PCA modes"),
+        "curves": (
+            Figure(
+                "Curves", log, Axis("loss", log=True), (noise, curve("held-out", "linear", LONG, NOISE, dashed=True))
+            ),
+            ("number of modes", "loss", "held-out"),
         ),
-        "singular_values": (singular_values(1 / LONG, {"r": 10, "k": 10}), ("r = k = 10", "mode")),
-        "training": (training_history(LONG, NOISE, NOISE, 1 / LONG), ("training", "validation", "epoch")),
-        "cubature": (cubature_error(cubature, 0.05), ("tolerance 0.05", "latent, held-out", "cubature points")),
-        "step_times": (step_times(times), ("138", "4.12", "0.241", "full", "linear", "latent")),
-        "online_error": (
-            online_error_over_time(LONG, {"linear": NOISE, "latent": NOISE}, [(10.0, 900.0)]),
-            ("grabbed", "linear", "latent", "time, s"),
+        "guides": (
+            Figure(
+                "Guides",
+                Axis("epoch"),
+                Axis("error"),
+                (noise,),
+                guides=(Guide(3.0, "tolerance 3", at_start=True), Guide(10, "r = k = 10", "x"), Guide(2, "usual")),
+            ),
+            ("tolerance 3", "r = k = 10", "usual"),
         ),
+        "right": (
+            Figure(
+                "Right",
+                Axis("time, s"),
+                Axis("error, mm", zero=True),
+                (noise, curve("score", "second", LONG, NOISE, right=True, faint=True)),
+                right=Axis("distance", zero=True),
+                guides=(Guide(1, "warned of above 1", "right"),),
+                shades={"grabbed": ((10.0, 900.0), (1000.0, 2000.0))},
+            ),
+            ("distance", "score (right)", "grabbed", "warned of above 1"),
+        ),
+        "rows": (Figure("Rows", log, rows, (marks, link)), ("full", "latent", "138", "0.25", "median")),
     }
 
 
-FIGURES = every_figure()
+FIGURES = every_kind()
+DRAWN = {name: drawn(figure) for name, (figure, _) in FIGURES.items()}
 
 
 def path_points(svg: str) -> list[int]:
@@ -61,47 +76,120 @@ def path_points(svg: str) -> list[int]:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_a_small_valid_svg_with_a_title(name):
-    svg, _ = FIGURES[name]
-    root = ElementTree.fromstring(svg)
-    assert root.tag == f"{SVG}svg" and root.find(f"{SVG}title").text
-    assert len(svg) < 100_000
-    assert max(path_points(svg)) <= MAX_POINTS
+def test_a_file_is_a_small_valid_svg_with_a_title(name):
+    root = ElementTree.fromstring(DRAWN[name])
+    assert root.tag == f"{SVG}svg" and root.find(f"{SVG}title").text == FIGURES[name][0].title
+    assert len(DRAWN[name]) < 100_000
+    assert max(path_points(DRAWN[name])) <= MAX_POINTS
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_words_are_text_in_the_pages_font(name):
-    svg, words = FIGURES[name]
-    texts = {"".join(node.itertext()).strip() for node in ElementTree.fromstring(svg).iter(f"{SVG}text")}
-    assert set(words) <= texts
-    assert "DejaVu" not in svg
+    texts = {"".join(node.itertext()).strip() for node in ElementTree.fromstring(DRAWN[name]).iter(f"{SVG}text")}
+    assert set(FIGURES[name][1]) <= texts
+    assert "DejaVu" not in DRAWN[name]
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_ink_follows_light_and_dark(name):
-    svg, _ = FIGURES[name]
-    assert "currentColor" in svg and INK not in svg and "prefers-color-scheme:dark" in svg
+    assert "currentColor" in DRAWN[name] and INK not in DRAWN[name] and "prefers-color-scheme:dark" in DRAWN[name]
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_figure_is_the_same_every_time(name):
-    assert every_figure()[name] == FIGURES[name]
+    assert drawn(every_kind()[name][0]) == DRAWN[name]
 
 
 def test_drawing_leaves_matplotlibs_settings_alone():
     before = dict(matplotlib.rcParams)
-    every_figure()
+    drawn(FIGURES["right"][0])
     assert dict(matplotlib.rcParams) == before
 
 
-def test_spaces_keep_their_colours():
-    svg, _ = FIGURES["step_times"]
-    assert LINEAR in svg and LATENT in svg
+def test_files_have_the_colours_of_the_pages():
+    assert set(PALETTE) > {"full", "linear", "latent", "second", "ink"}
+    assert len({PALETTE[space] for space in ("full", "linear", "latent", "second")}) == 4
+    assert PALETTE["linear"] in DRAWN["curves"] and PALETTE["latent"] in DRAWN["curves"]
+
+
+def test_a_legend_names_each_name_once():
+    twice = replace(FIGURES["rows"][0], series=2 * FIGURES["rows"][0].series)
+    assert drawn(twice).count(">median<") == drawn(FIGURES["rows"][0]).count(">median<") == 1
+
+
+# The figures of a run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    folder = tmp_path_factory.mktemp("run")
+    write_run(folder)
+    with finished_run(folder) as opened:
+        yield opened
+
+
+def test_every_number_of_a_figure_survives_json(run):
+    for figure in draw_figures(run, 0.06).values():
+        assert json.loads(json.dumps(figure.record(), allow_nan=False))["title"] == figure.title
+
+
+def test_the_errors_against_k_are_those_of_the_basis_and_the_autoencoder(run):
+    figure = draw_figures(run, 0.06)["error_against_k"]
+    series = {one.name: one.y for one in figure.series}
+    np.testing.assert_allclose(series["max, training"], 1000 * run.pca.max_error, rtol=1e-6)
+    np.testing.assert_allclose(series["mean, held-out"], 1000 * run.pca.heldout_mean_error, rtol=1e-6)
+    level = [guide for guide in figure.guides if guide.axis == "y"]
+    np.testing.assert_allclose([guide.at for guide in level], 1000 * run.model.errors[0])
+    assert [guide.text.split()[:2] for guide in level] == [["autoencoder", "max"], ["autoencoder", "mean"]]
+
+
+def test_dimensions_that_coincide_share_a_line(run):
+    guides = [guide for guide in draw_figures(run, 0.06)["singular_values"].guides if guide.axis == "x"]
+    dimensions = {"r": R, "kp": run.model.kp, "k": K}
+    assert {guide.at for guide in guides} == set(dimensions.values())
+    assert all(
+        set(guide.text.split(" = ")[:-1]) == {n for n, at in dimensions.items() if at == guide.at} for guide in guides
+    )
+
+
+def test_step_times_are_median_and_95th_percentile(run):
+    figure = draw_figures(run, 0.06)["step_times"]
+    times = {(figure.y.names[int(one.y[0])], one.name): one.x[0] for one in figure.series if one.kind == "marks"}
+    for space in ("full", "linear", "latent"):
+        seconds = pooled_seconds(run, space)
+        assert times[(space, "median")] == pytest.approx(1000 * np.median(seconds))
+        assert times[(space, "95th percentile")] == pytest.approx(1000 * np.percentile(seconds, 95))
+
+
+def test_the_error_over_time_is_that_of_the_run_and_grabs_are_shaded(run):
+    figure, h = draw_figures(run, 0.06)["online_error_push"], run.scene.time_step
+    latent = next(one for one in figure.series if one.name == "latent")
+    np.testing.assert_allclose(latent.x, h * np.arange(1, FRAMES["push"] + 1), rtol=1e-6)
+    np.testing.assert_allclose(latent.y, 1000 * run.simulation["latent"]["push"].mean_error, rtol=1e-6)
+    assert figure.shades == {"grabbed": ((pytest.approx(2 * h), pytest.approx(6 * h)),)}
+
+
+def test_the_novelty_stands_beside_the_true_error(run):
+    score = np.linspace(0.5, 1.5, FRAMES["push"])
+    latent = run.simulation["latent"] | {"push": replace(run.simulation["latent"]["push"], novelty=score)}
+    novelty = Novelty(np.zeros((1, R)), 1.0, 1.25)
+    with Run(run.folder, run.experiment) as other:
+        changed(other, "simulation", run.simulation | {"latent": latent})
+        changed(other, "model", replace(run.model, novelty=novelty))
+        figures = draw_figures(other, 0.06)
+    assert [name for name in figures if name.startswith("novelty")] == ["novelty_push"]
+    figure = figures["novelty_push"]
+    series = {one.name: one for one in figure.series}
+    np.testing.assert_allclose(series["novelty score"].y, score, rtol=1e-6)
+    assert series["novelty score"].right and not series["true error"].right
+    assert [(guide.at, guide.axis, guide.text) for guide in figure.guides] == [(1.25, "right", "warned of above 1.25")]
+    assert "novelty_push" not in draw_figures(run, 0.06)
 
 
 def test_a_run_that_diverged_ends_its_curve_and_not_the_figure():
-    curve = np.array([1.0, 2.0, np.inf, np.nan])
-    svg = online_error_over_time(np.arange(4.0), {"latent": curve})
+    ended = curve("latent", "latent", np.arange(4.0), np.array([1.0, 2.0, np.inf, np.nan]))
+    assert ended.x == (0, 1) and ended.y == (1, 2)
+    svg = drawn(Figure("Ended", Axis("time, s"), Axis("error"), (ended,)))
     assert "nan" not in svg.lower() and "inf" not in re.sub("<title>.*?</title>", "", svg).lower()
 
 
@@ -121,6 +209,8 @@ def test_a_short_curve_is_not_thinned():
 def test_a_curve_of_unequal_lengths_is_refused():
     with pytest.raises(ValueError, match="expected twice the same"):
         thinned(np.arange(3.0), np.arange(4.0))
+    with pytest.raises(ValueError, match="2 values of x, 1 of y and 0 labels"):
+        Series("marks", "latent", (1.0, 2.0), (1.0,))
 
 
 @pytest.mark.parametrize(

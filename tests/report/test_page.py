@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from typing import Any
@@ -9,14 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ldsim.report.figures import StepTime, singular_values, step_times
-from ldsim.report.html import VOID, number, readable
-from ldsim.report.page import render_page
+from ldsim.report.figure import Axis, Figure, Series, curve
+from ldsim.report.page import number, render_page
 from ldsim.report.paper import PAPER_TABLE_1
+from ldsim.report.schema import RunNumbers
+from ldsim.report.svg import drawn
+from ldsim.report.wording import readable
 from tests.report.example_report import example_report
 
 PNG = b"\x89PNG\r\n\x1a\n" + bytes(8)
 WEBP = b"RIFF\x00\x00\x00\x00WEBP" + bytes(8)
+VOID = ("img", "meta", "br", "input")
 LOADING_ATTRIBUTES = ("src", "href", "xlink:href", "srcset", "data", "action", "poster")
 
 
@@ -58,13 +63,21 @@ def numbers_of(value: Any) -> Iterator[float]:
         yield value
 
 
-def page_of(report: dict[str, Any], warnings: tuple[str, ...] = ()) -> str:
-    figures = {
-        "step_times": step_times({"full": StepTime(100.0, 120.0), "latent": StepTime(0.25, 0.3)}),
-        "singular_values": singular_values(np.array([3.0, 2.0, 1.0])),
-        "something_else": singular_values(np.array([5.0, 1.0])),
+def figures() -> dict[str, tuple[Figure, str]]:
+    """Three figures, one of which no section knows."""
+    marks = Series("median", "latent", (0.25, 100.0), (1, 0), "marks", "circle")
+    values = curve("singular value", "linear", np.arange(3), np.array([3.0, 2.0, 1.0]))
+    made = {
+        "step_times": Figure("Times", Axis("ms", log=True), Axis(names=("full", "latent")), (marks,)),
+        "singular_values": Figure("Values", Axis("mode"), Axis("singular value"), (values,)),
+        "something_else": Figure("Else", Axis("mode"), Axis("value"), (values,)),
     }
-    return render_page(report, figures, {"still": PNG, "motion": WEBP}, warnings)
+    return {name: (figure, drawn(figure)) for name, figure in made.items()}
+
+
+def page_of(report: dict[str, Any], warnings: tuple[str, ...] = ()) -> str:
+    numbers = RunNumbers.model_validate(report | {"warnings": list(warnings)})
+    return render_page(numbers, figures(), {"Still": PNG, "Motion": WEBP})
 
 
 def test_every_tag_closes_in_order():
@@ -111,7 +124,7 @@ def test_hostile_names_are_shown_and_not_run():
 
 def test_warnings_come_before_every_table_and_figure():
     page = page_of(example_report(), ("the solid has left the building",))
-    assert page.index("the solid has left the building") < min(page.index("<table"), page.index("<svg"))
+    assert page.index("the solid has left the building") < min(page.index("<table"), page.index('<div class="plot">'))
 
 
 def test_a_page_without_warnings_says_so():
@@ -155,24 +168,34 @@ def test_a_run_that_simulated_nothing_still_has_a_page():
 
 
 def test_a_figure_without_a_section_is_not_lost():
-    assert page_of(example_report()).count("<svg") == 3
+    page = page_of(example_report())
+    assert page.count('<div class="plot">') == 3 and page.index("More figures") < page.index('"title":"Else"')
 
 
-def test_a_report_that_breaks_the_contract_is_refused():
-    report = example_report()
-    del report["dims"]
-    with pytest.raises(ValueError, match="dims is missing"):
-        page_of(report)
+def test_figures_are_numbers_for_the_script_and_drawings_for_readers_without_it():
+    page = page_of(example_report())
+    records = re.findall(r'<div class="plot"><script type="application/json">(.*?)</script><noscript><svg', page)
+    assert [json.loads(record) for record in records] == [
+        json.loads(json.dumps(figures()[name][0].record()))
+        for name in ("singular_values", "step_times", "something_else")
+    ]
 
 
-def test_a_caption_keeps_the_name_of_its_motion():
-    page = render_page(example_report(), {}, {"motion x_1 at rest": PNG}, [])
+def test_a_hostile_name_in_a_figure_stays_text():
+    hostile = "</script></noscript><script>alert('x')</script>"
+    figure = Figure(hostile, Axis(hostile), Axis("y"), (curve(hostile, "latent", np.arange(3), np.arange(3)),))
+    page = render_page(RunNumbers.model_validate(example_report()), {hostile: (figure, drawn(figure))}, {})
+    assert "<script>alert" not in page and Outline(page)
+
+
+def test_a_caption_belongs_to_its_picture():
+    page = render_page(RunNumbers.model_validate(example_report()), {}, {"Motion x_1 at rest": PNG})
     assert "<figcaption>Motion x_1 at rest</figcaption>" in page
 
 
 def test_a_picture_of_an_unknown_kind_is_refused():
     with pytest.raises(ValueError, match="expected PNG or WebP"):
-        render_page(example_report(), {}, {"photo": b"GIF89a"}, [])
+        render_page(RunNumbers.model_validate(example_report()), {}, {"photo": b"GIF89a"})
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import json
 import re
 from base64 import b64decode
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,14 @@ import pytest
 
 from ldsim.mesh.surface import surface_vertices
 from ldsim.report import replay as replay_module
-from ldsim.report.finished_run import FinishedRun
 from ldsim.report.replay import Replay, make_replay, quantised
-from tests.report.small_run import FRAMES, LOST_FROM, finished_run, write_run
+from ldsim.report.runs import reduced_runs
+from ldsim.run import Run
+from tests.report.small_run import FRAMES, LOST_FROM, changed, finished_run, write_run
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FinishedRun]:
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     folder = tmp_path_factory.mktemp("run")
     write_run(folder, lost=("linear", "push"))
     with finished_run(folder) as opened:
@@ -28,7 +28,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FinishedRun]:
 
 
 @pytest.fixture(scope="module")
-def replay(run: FinishedRun) -> Replay:
+def replay(run: Run) -> Replay:
     found = make_replay(run)
     assert found is not None
     return found
@@ -46,13 +46,13 @@ def displacements(data: dict[str, Any], film: dict[str, Any]) -> np.ndarray:
     return (c * np.array(data["scales"]) @ modes).reshape(film["frames"], -1, 3)
 
 
-def truth(run: FinishedRun, motion: str, space: str) -> np.ndarray:
+def truth(run: Run, motion: str, space: str) -> np.ndarray:
     """u of the surface's vertices in every frame, (N, v, 3) metres."""
     surface = surface_vertices(run.scene.mesh)
     if space == "full":
         return run.snapshots.reader(motion)(0, FRAMES[motion])[:, surface].astype(np.float64)
-    q = run.reduced_runs(motion)[space].coordinates
-    return (q @ run.basis.basis.matrix[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
+    q = reduced_runs(run, motion)[space].coordinates
+    return (q @ run.basis.matrix[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
 
 
 def films(replay: Replay) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
@@ -89,20 +89,20 @@ def test_a_film_ends_where_the_run_was_lost(replay):
 def test_numbers_in_the_panels_are_those_of_the_run(run, replay):
     for _, motion, film in films(replay):
         if film["space"] != "full":
-            true = run.reduced_runs(motion["name"])[film["space"]].mean_error[: film["frames"]]
+            true = reduced_runs(run, motion["name"])[film["space"]].mean_error[: film["frames"]]
             np.testing.assert_allclose(unpacked(film["mean_mm"]), 1000 * true, rtol=1e-6)
 
 
 def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
     motion = json.loads(replay.data)["motions"][0]
     (drag,) = motion["drags"]
-    recorded = run.recorded["push"]
+    recorded = run.recorded("push")
     np.testing.assert_allclose(unpacked(drag["targets"]).reshape(-1, 3), recorded.motion.drags[0].targets, rtol=1e-6)
     held = recorded.held[0]
     frames = np.arange(drag["first"], drag["first"] + 4)
     u = run.snapshots.reader("push")(0, FRAMES["push"]).astype(np.float64)
-    q = run.reduced_runs("push")["latent"].coordinates
-    reduced = (q @ run.basis.basis.matrix.T).reshape(len(q), -1, 3)
+    q = reduced_runs(run, "push")["latent"].coordinates
+    reduced = (q @ run.basis.matrix.T).reshape(len(q), -1, 3)
     for film, field in (("full", u), ("latent", reduced)):
         (grip,) = next(some["grips"] for some in motion["films"] if some["space"] == film)
         true = (run.scene.mesh.vertices[held] + field[frames][:, held]).mean(axis=1)
@@ -110,7 +110,7 @@ def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
 
 
 def test_frames_are_left_out_and_told_of_before_motions_are(run, monkeypatch):
-    row = 2 * (run.basis.basis.k + replay_module.EXTRA_MODES) * 3
+    row = 2 * (run.basis.k + replay_module.EXTRA_MODES) * 3
     monkeypatch.setattr(replay_module, "COORDINATES_BYTES", 13 * row)
     found = make_replay(run)
     motions = json.loads(found.data)["motions"]
@@ -142,7 +142,8 @@ def test_a_large_surface_is_drawn_by_fewer_vertices(run, monkeypatch):
 
 
 def test_without_a_reduced_run_there_is_no_replay(run):
-    assert make_replay(replace(run, trajectories={})) is None
+    with Run(run.folder, run.experiment) as other:
+        assert make_replay(changed(other, "simulation", {})) is None
 
 
 def test_quantising_loses_half_a_step_at_most():

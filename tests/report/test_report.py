@@ -16,19 +16,19 @@ from PIL import Image
 
 from ldsim.optimise.solution import Reason
 from ldsim.report import report as report_module
-from ldsim.report.finished_run import FinishedRun
+from ldsim.report.numbers import collect
+from ldsim.report.pictures import mean_displacement, moments, peaks
 from ldsim.report.report import Report, Wanted, build_report, write_report
-from ldsim.report.report_numbers import collect
-from ldsim.report.report_pictures import mean_displacement, moments, peaks
-from ldsim.report.report_schema import SPACES, STAGES, check_report
-from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, finished_run, write_run
+from ldsim.report.schema import SPACES, STAGES, check_report
+from ldsim.run import Run
+from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
 
 COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
 WANTED = Wanted(pictures=0, cubature_tolerance=0.06, training_tolerance_mm=100.0)
 MOTIONS = list(FRAMES)
 
 
-def built(run: FinishedRun, wanted: Wanted = WANTED) -> Report:
+def built(run: Run, wanted: Wanted = WANTED) -> Report:
     return build_report(run, wanted, lambda: COST, lambda: None)
 
 
@@ -49,7 +49,7 @@ def lost_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def numbers(folder: Path) -> dict[str, Any]:
     with finished_run(folder) as run:
-        return dict(built(run).numbers)
+        return built(run).numbers.model_dump()
 
 
 def entry(numbers: dict[str, Any], space: str, motion: str) -> dict[str, Any]:
@@ -108,14 +108,19 @@ def test_without_held_out_motions_there_are_no_held_out_errors(tmp_path):
     write_run(tmp_path, heldout=False)
     with finished_run(tmp_path) as run:
         report = built(run)
-    assert report.numbers["reconstruction"]["heldout"] is None
-    assert check_report(report.numbers) == []
+    assert report.numbers.reconstruction.heldout is None
+    assert check_report(report.numbers.model_dump()) == []
 
 
 def test_cubature_is_the_chosen_set(numbers):
     assert numbers["cubature"] == {
-        "latent": {"points": 5, "relative_error": {"train": 0.05, "heldout": 0.07}, "virtual": None, "seconds": 3.25},
-        "linear": {"points": 8, "relative_error": {"train": 0.05, "heldout": 0.1}, "virtual": None, "seconds": 4.5},
+        "latent": {
+            "points": 5,
+            "relative_error": {"fitted": 0.05, "kept_back": 0.07},
+            "virtual": None,
+            "seconds": 3.25,
+        },
+        "linear": {"points": 8, "relative_error": {"fitted": 0.05, "kept_back": 0.1}, "virtual": None, "seconds": 4.5},
     }
 
 
@@ -178,12 +183,13 @@ def test_every_stage_has_its_cost(numbers):
 def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder):
     with finished_run(lost_folder) as run:
         report = built(run)
-    found = entry(report.numbers, "linear", "push")
-    assert check_report(report.numbers) == []
+    numbers = report.numbers.model_dump()
+    found = entry(numbers, "linear", "push")
+    assert check_report(numbers) == []
     assert found["diverged"] and found["frames"] == LOST_FROM + 1
     error = found["online_error"]
     assert (error["relative"], error["max_mm"], error["mean_mm"]) == (None, None, None)
-    assert not entry(report.numbers, "latent", "push")["diverged"]
+    assert not entry(numbers, "latent", "push")["diverged"]
     assert report.page.count('class="bad"') == 1
     assert report.page.count("linear run of motion push diverged") == 1
     (seconds,) = raw(lost_folder, "simulation", "runs/linear/push/seconds")
@@ -193,16 +199,16 @@ def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder
 def test_a_diverged_run_has_no_part_in_the_speedup(lost_folder):
     slow, fast = raw(lost_folder, "simulation", "runs/linear/pull_1/seconds", "runs/latent/pull_1/seconds")
     with finished_run(lost_folder) as run:
-        speedup = collect(run, COST)["speedup"]
-    assert speedup["latent_over_linear"] == pytest.approx(np.median(slow) / np.median(fast))
+        speedup = collect(run, COST).speedup
+    assert speedup.latent_over_linear == pytest.approx(np.median(slow) / np.median(fast))
 
 
 def test_a_space_that_ran_nothing_leaves_nulls(folder):
     with finished_run(folder) as run:
-        numbers = collect(replace(run, trajectories={"latent": run.trajectories["latent"]}), COST)
-    assert numbers["simulate"]["full"] == numbers["simulate"]["linear"] == []
-    assert numbers["speedup"] == {"latent_over_linear": None, "latent_over_full": None}
-    assert check_report(numbers | {"warnings": []}) == []
+        numbers = collect(changed(run, "simulation", {"latent": run.simulation["latent"]}), COST)
+    assert numbers.simulate.full == numbers.simulate.linear == []
+    assert numbers.speedup.model_dump() == {"latent_over_linear": None, "latent_over_full": None}
+    assert check_report(numbers.model_dump()) == []
 
 
 def test_the_page_shows_every_motion_and_has_a_figure_of_each(folder):
@@ -213,7 +219,7 @@ def test_the_page_shows_every_motion_and_has_a_figure_of_each(folder):
     for motion in MOTIONS:
         assert f"motion {motion}: time, s" in report.page
         assert report.page.count(f"{motion} <small>") == len(SPACES)
-    assert report.page.count("<svg") == len(report.figures)
+    assert report.page.count('<div class="plot">') == len(report.figures)
 
 
 def test_a_run_without_fault_gives_no_warnings(folder):
@@ -222,7 +228,7 @@ def test_a_run_without_fault_gives_no_warnings(folder):
     assert not [text for text in warnings if "held-out" not in text and "nothing was fitted to" not in text]
 
 
-def warnings_of(run: FinishedRun, wanted: Wanted = WANTED) -> list[str]:
+def warnings_of(run: Run, wanted: Wanted = WANTED) -> list[str]:
     page = built(run, wanted).page
     if 'class="warnings"' not in page:
         return []
@@ -232,11 +238,11 @@ def warnings_of(run: FinishedRun, wanted: Wanted = WANTED) -> list[str]:
 
 def test_steps_that_stopped_early_are_counted(folder):
     with finished_run(folder) as run:
-        latent = run.trajectories["latent"]
+        latent = run.simulation["latent"]
         reason = latent["push"].reason.copy()
         reason[[1, 4, 5]] = Reason.NO_DECREASE, Reason.ITERATIONS_SPENT, Reason.NO_DECREASE
-        runs = {**run.trajectories, "latent": {**latent, "push": replace(latent["push"], reason=reason)}}
-        found = [text for text in warnings_of(replace(run, trajectories=runs)) if "converge" in text]
+        runs = {**run.simulation, "latent": {**latent, "push": replace(latent["push"], reason=reason)}}
+        found = [text for text in warnings_of(changed(run, "simulation", runs)) if "converge" in text]
     assert found == [
         "In the latent run of motion push, 3 of 11 steps did not converge (the line search found no decrease)."
     ]
@@ -244,9 +250,8 @@ def test_steps_that_stopped_early_are_counted(folder):
 
 def test_missed_tolerances_are_named(folder):
     with finished_run(folder) as run:
-        header = replace(run.headers["model"], notes={**run.headers["model"].notes, "met": 0})
         strict = replace(WANTED, cubature_tolerance=0.01, training_tolerance_mm=0.5)
-        found = warnings_of(replace(run, headers={**run.headers, "model": header}), strict)
+        found = warnings_of(changed(run, "model", met=0), strict)
     assert sum("0.01 was asked for" in text for text in found) == 2
     assert sum("0.5 mm were asked for (train.tolerance_mm)" in text for text in found) == 1
 
@@ -297,11 +302,11 @@ def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     target.mkdir()
     (target / "old").write_text("stale")
     write_report(target, report)
-    assert json.loads((target / "report.json").read_text()) == report.numbers
+    assert json.loads((target / "report.json").read_text()) == report.numbers.model_dump()
     files = {str(path.relative_to(target)) for path in target.rglob("*") if path.is_file()}
     assert files == {
         *("report.json", "report.html"),
-        *(f"figures/{name}.svg" for name in report.figures),
+        *(f"figures/{name}.{kind}" for name in report.figures for kind in ("svg", "json")),
         *(f"pictures/{picture.file}" for picture in report.pictures),
     }
     page = (target / "report.html").stat().st_mtime_ns
@@ -312,7 +317,7 @@ def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
 def test_numbers_that_are_not_finite_become_null(folder):
     with finished_run(folder) as run:
         errors = np.array([[np.nan, np.inf], [np.nan, np.nan]])
-        numbers = collect(replace(run, model=replace(run.model, errors=errors)), COST)
+        numbers = collect(changed(run, "model", replace(run.model, errors=errors)), COST).model_dump()
     assert numbers["reconstruction"]["train"]["autoencoder"] == {"max_mm": None, "mean_mm": None}
     assert not any(isinstance(value, float) and not math.isfinite(value) for value in leaves(numbers))
 

@@ -1,262 +1,259 @@
-// Figures that can be read and zoomed. Python draws them (plotting.py); this reads the points back from the drawn curves,
-// says the values of the one under the pointer or the keys, and stretches what lies inside the axes when a range is chosen.
-// All geometry is in the drawing's own units; `window` is the part of the axes' box that fills it when zoomed.
+// Figures that can be read and zoomed, drawn from their numbers (report/figure.py): curves and marks on one or two scales,
+// the values of the point under the pointer or the keys, and any range of the axes when one is chosen.
 
-const PAIR = /(-?[\d.]+(?:e-?\d+)?) (-?[\d.]+(?:e-?\d+)?)/g;
-const DRAG = 5; // units that make a press a drag
-const NARROWEST = 1e-4; // of the box
+const WIDTH = 374, UNIT = 72; // of a drawing; its height is told in units
+const DRAG = 5; // that make a press a drag
+const NARROWEST = 1e-4; // of the whole range
+const LETTER = 4.9; // its width on average
+const KEYS = "Left and right read a curve, up and down change it, plus and minus zoom, zero shows the whole range.";
+const SHAPES = {
+  circle: "M-1 0a1 1 0 1 0 2 0a1 1 0 1 0-2 0",
+  square: "M-.9-.9h1.8v1.8h-1.8z",
+  diamond: "M0-1.25L1.25 0L0 1.25L-1.25 0z",
+  triangle: "M0-1.2L1.15.9h-2.3z",
+};
 
 /** A value as short text: four digits, powers of ten beyond 10⁻³ and 10⁵. */
 function shortly(value) {
   if (value === 0 || (Math.abs(value) >= 1e-3 && Math.abs(value) < 1e5)) return String(Number(value.toPrecision(4)));
-  const [mantissa, power] = value.toExponential(3).split("e");
-  return `${Number(mantissa)} · 10${[...String(Number(power))].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("")}`;
+  const [mantissa, power] = value.toExponential(3).split("e").map(Number);
+  const exponent = [...String(power)].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("");
+  return `${mantissa === 1 ? "" : `${mantissa} · `}10${exponent}`;
 }
 
-/** One direction of one axes: places on the page and values. `from` and `to` are where its limits are drawn. */
+/** A new element of a drawing; `tone` is a name of the palette. */
+function make(name, parent, { tone, ...attributes } = {}, text = "") {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (tone) element.style.setProperty("--tone", `var(--${tone})`);
+  element.textContent = text;
+  parent?.append(element);
+  return element;
+}
+
+function makeMark({ marker, dashed }, radius, parent, transform) {
+  const look = { class: dashed ? "mark hollow" : "mark", "vector-effect": "non-scaling-stroke" };
+  make("path", parent, { ...look, d: SHAPES[marker], transform: `${transform} scale(${radius})` });
+}
+
+function makeLine({ kind, dashed, faint }, d, parent) {
+  make("path", parent, { class: ["curve", kind, dashed && "dashed", faint && "faint"].filter(Boolean).join(" "), d });
+}
+
+/** A new element of the page at the end of `parent`. */
+function add(name, parent, properties) {
+  const element = Object.assign(document.createElement(name), properties);
+  parent.append(element);
+  return element;
+}
+
+/** One axis: values, places in the drawing, and which share of the whole range is in sight. */
 class Scale {
-  constructor({ label, limits, scale }, from, to) {
-    this.label = label.replace(/ \(.*\)$/, "");
-    this.log = scale === "log";
-    this.limits = limits.map((x) => this.bent(x));
-    Object.assign(this, { from, to });
+  constructor(axis, values) {
+    Object.assign(this, axis, { window: [0, 1] });
+    const bent = values.map((value) => this.bent(value)).filter(Number.isFinite);
+    const low = Math.min(...bent), high = Math.max(...bent), rim = this.margin * (high - low || 1);
+    this.whole = this.names.length ? [this.names.length - 0.4, -0.6] : [this.zero ? 0 : low - rim, high + rim];
   }
 
-  bent(value) {
-    return this.log ? Math.log10(value) : value;
+  bent(value) { return this.log ? Math.log10(value) : value; }
+  /** How far along the whole range a value is, 0 to 1. */
+  share(value) { return (this.bent(value) - this.whole[0]) / (this.whole[1] - this.whole[0]); }
+  shareAt(place) {
+    return this.window[0] + ((place - this.from) / (this.to - this.from)) * (this.window[1] - this.window[0]);
   }
-
-  value(place) {
-    const [low, high] = this.limits, x = low + ((place - this.from) / (this.to - this.from)) * (high - low);
-    return this.log ? 10 ** x : x;
-  }
-
   place(value) {
-    const [low, high] = this.limits;
-    return this.from + ((this.bent(value) - low) / (high - low)) * (this.to - this.from);
+    return this.from + ((this.share(value) - this.window[0]) / (this.window[1] - this.window[0])) * (this.to - this.from);
+  }
+  value(place) {
+    const bent = this.whole[0] + this.shareAt(place) * (this.whole[1] - this.whole[0]);
+    return this.log ? 10 ** bent : bent;
+  }
+  holds(value) {
+    const share = this.share(value);
+    return share >= this.window[0] - 1e-6 && share <= this.window[1] + 1e-6;
   }
 
-  /** Round values between two places: about five, or whole decades. */
-  ticks(a, b) {
-    const [low, high] = [this.value(a), this.value(b)].sort((x, y) => x - y);
+  /** Shows the range between two shares of the whole. */
+  zoom(...ends) {
+    const [low, high] = ends.map((share) => Math.min(1, Math.max(0, share))).sort((a, b) => a - b);
+    const start = Math.min(low, 1 - NARROWEST);
+    this.window = [start, Math.max(high, start + NARROWEST)];
+  }
+  get zoomed() { return this.window[0] > 0 || this.window[1] < 1; }
+
+  /** Round values in sight: about five, or whole decades. */
+  ticks() {
+    if (this.names.length) return this.names.map((_, row) => row).filter((row) => this.holds(row));
+    const low = this.value(this.from), high = this.value(this.to), found = [];
     if (this.log && high / low > 5) {
-      const decades = Math.log10(high / low), steps = decades < 2 ? [1, 2, 5] : [1], found = [];
-      const every = Math.ceil(decades / 6);
+      const decades = Math.log10(high / low), steps = decades < 2 ? [1, 2, 5] : [1], every = Math.ceil(decades / 6);
       for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power += every) {
         found.push(...steps.map((step) => step * 10 ** power));
       }
-      return found.filter((x) => x >= low && x <= high);
+      return found.filter((value) => value >= low && value <= high);
     }
     const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
-    const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough), found = [];
+    const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);
     for (let i = Math.ceil(low / step); i <= high / step; i++) found.push(i * step);
     return found;
   }
+  words(value) { return this.names.length ? this.names[value] : shortly(value); }
+  told(value) { return `${this.label ? `${this.label.replace(/ \(.*\)$/, "")}: ` : ""}${this.words(value)}`; }
 }
 
 export class Plot {
-  constructor(svg) {
-    this.svg = svg;
-    this.frame = svg.parentElement;
-    const all = JSON.parse(svg.dataset.axes), [left, top, right, bottom] = all[0].box;
-    this.home = { x: [left, right], y: [top, bottom] };
-    this.window = { x: [left, right], y: [top, bottom] };
-    this.axes = all.map(({ x, y }) => ({ x: new Scale(x, left, right), y: new Scale(y, bottom, top) }));
-    this.readCurves();
-    this.readInside();
-    this.addParts();
+  static count = 0;
+
+  constructor(frame) {
+    this.frame = frame;
+    this.data = JSON.parse(frame.querySelector("script").textContent);
+    this.makeScales();
+    this.series = this.data.series.map((series) => {
+      const x = this.x, y = series.right ? this.right : this.y, points = series.x.map((value, i) => [value, series.y[i]]);
+      return { ...series, scales: [x, y], points: points.filter(([a, b]) => isFinite(x.share(a)) && isFinite(y.share(b))) };
+    });
+    this.curves = this.series.filter(({ kind, points }) => kind !== "link" && points.length);
+    this.makeParts();
+    this.redraw();
     this.listen();
   }
 
-  // What Python drew
-
-  readCurves() {
-    this.curves = [...this.svg.querySelectorAll(".ldsim-curve")].map((group) => {
-      const path = group.querySelector("path[clip-path]");
-      const points = Array.from((path?.getAttribute("d") ?? "").matchAll(PAIR), ([, x, y]) => [Number(x), Number(y)]);
-      return { name: group.dataset.name, axes: this.axes[group.dataset.axes], points };
-    });
+  makeScales() {
+    const { x, y, right, series, guides, height } = this.data;
+    const scale = (axis, name, pick) => new Scale(axis, [
+      ...series.flatMap(pick), ...guides.filter((guide) => guide.axis === name).map(({ at }) => at),
+    ]);
+    this.x = scale(x, "x", (one) => one.x);
+    this.y = scale(y, "y", (one) => (one.right ? [] : one.y));
+    this.right = right && scale(right, "right", (one) => (one.right ? one.y : []));
+    this.height = height * UNIT;
+    for (const upright of [this.y, this.right]) if (upright) Object.assign(upright, { from: this.height - 32, to: 6 });
+    const widest = (one) => LETTER * Math.max(...one.ticks().map((value) => one.words(value).length));
+    this.x.from = 10 + widest(this.y) + (y.label ? 14 : 0);
+    this.x.to = WIDTH - (right ? 22 + widest(this.right) : 8);
   }
 
-  /** Everything that moves when zoomed, with how it was drawn. */
-  readInside() {
-    this.inside = [];
-    for (const element of this.svg.querySelectorAll("[clip-path]")) {
-      if (element.closest(".ldsim-axis")) continue;
-      if (element.tagName === "path") this.inside.push({ element, d: element.getAttribute("d") });
-      for (const use of element.querySelectorAll("use")) {
-        this.inside.push({ element: use, x: Number(use.getAttribute("x")), y: Number(use.getAttribute("y")) });
-      }
+  makeParts() {
+    const { frame, data } = this;
+    this.clip = `plot-${Plot.count++}`;
+    this.fillLegend(add("div", frame, { className: "legend" }));
+    this.svg = make("svg", frame, { viewBox: `0 0 ${WIDTH} ${this.height}`, role: "img", "aria-label": data.title });
+    this.told = add("div", frame, { className: "told", role: "status" });
+    this.whole = add("button", frame, { className: "whole", type: "button", textContent: "Whole range" });
+    Object.assign(frame, { tabIndex: 0, role: "group", ariaLabel: `${data.title}. ${KEYS}` }).classList.add("live");
+  }
+
+  /** Each name once, with a sample of its look. */
+  fillLegend(legend) {
+    const names = new Map(Object.keys(this.data.shades ?? {}).map((name) => [name, null]));
+    for (const series of this.curves) if (!names.has(series.name)) names.set(series.name, series);
+    if (names.size === 1 && names.has(this.data.y.label)) return;
+    for (const [name, series] of names) {
+      const entry = add("span", legend), sample = make("svg", entry, { viewBox: "0 0 22 10", tone: series?.colour });
+      entry.append(series?.right ? `${name} (right)` : name);
+      if (!series) make("rect", sample, { class: "shade", width: 22, height: 10 });
+      if (series?.kind === "line") makeLine(series, "M0 5H22", sample);
+      if (series?.marker) makeMark(series, 3, sample, "translate(11 5)");
     }
-    this.notes = [...this.svg.querySelectorAll(".ldsim-note")].map((element) => {
-      const [x, y] = JSON.parse(element.dataset.name), scales = this.axes[element.dataset.axes];
-      return { element, x: x === null ? null : scales.x.place(x), y: y === null ? null : scales.y.place(y) };
-    });
-    this.rulers = [...this.svg.querySelectorAll(".ldsim-axis")].map((group) => {
-      const ticks = [...group.children].filter((child) => !child.classList.contains("ldsim-label"));
-      return { ticks, name: group.dataset.name, axes: Number(group.dataset.axes), group };
-    });
   }
 
-  addParts() {
-    const make = (name, className, parent) => {
-      const element = document.createElementNS("http://www.w3.org/2000/svg", name);
-      element.setAttribute("class", className);
-      return parent.appendChild(element);
-    };
-    this.make = make;
-    this.choice = make("rect", "choice", this.svg);
-    this.dot = make("circle", "dot", this.svg);
-    this.dot.setAttribute("r", 4);
-    this.told = document.createElement("div");
-    this.told.className = "told";
-    this.told.setAttribute("role", "status");
-    this.whole = document.createElement("button");
-    Object.assign(this.whole, { className: "whole", type: "button", textContent: "Whole range", hidden: true });
-    this.frame.append(this.told, this.whole);
-    this.frame.classList.add("live");
-    this.frame.tabIndex = 0;
-    this.frame.setAttribute("role", "group");
-    const title = this.svg.querySelector("title").textContent;
-    const keys = "Left and right read a curve, up and down change it, plus and minus zoom, zero shows the whole range.";
-    this.frame.setAttribute("aria-label", `${title}. ${keys}`);
-    this.svg.querySelector("title").remove(); // its tooltip would lie over the values
-    this.svg.setAttribute("aria-label", title);
-    this.hide();
-  }
+  // Drawing
 
-  // Zooming
-
-  /** Where a place of the unzoomed drawing is now, along x or y. */
-  moved(place, name) {
-    const [a, b] = this.window[name], [from, to] = this.home[name];
-    return from + ((place - a) / (b - a)) * (to - from);
-  }
-
-  /** The reverse. */
-  unmoved(place, name) {
-    const [a, b] = this.window[name], [from, to] = this.home[name];
-    return a + ((place - from) / (to - from)) * (b - a);
-  }
-
-  /** Shows the part of the drawing between two places along x, y or both; what leaves the drawing is cut. */
-  zoom(ranges) {
-    for (const [name, range] of Object.entries(ranges)) {
-      const [low, high] = this.home[name], least = NARROWEST * (high - low);
-      let [a, b] = range.map((place) => Math.min(high, Math.max(low, place))).sort((x, y) => x - y);
-      if (b - a < least) [a, b] = [Math.min(a, high - least), Math.min(a, high - least) + least];
-      this.window[name] = [a, b];
+  redraw() {
+    const { x, y, svg } = this, area = { x: x.from, y: y.to, width: x.to - x.from, height: y.from - y.to };
+    svg.replaceChildren();
+    make("rect", make("clipPath", svg, { id: this.clip }), area);
+    this.drawRulers(make("g", svg, { class: "rulers" }));
+    const inside = make("g", svg, { "clip-path": `url(#${this.clip})` });
+    for (const [begin, end] of Object.values(this.data.shades ?? {}).flat()) {
+      make("rect", inside, { ...area, class: "shade", x: x.place(begin), width: x.place(end) - x.place(begin) });
     }
+    for (const series of this.series) this.drawSeries(series, make("g", inside, { tone: series.colour }));
+    for (const guide of this.data.guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, inside);
+    this.choice = make("rect", svg, { class: "choice" });
+    this.dot = make("circle", svg, { class: "dot", r: 4 });
+    this.whole.hidden = !x.zoomed && !y.zoomed;
+    this.choice.style.display = "none";
+    if (this.at) this.tell(...this.at);
+    else this.hide();
+  }
+
+  drawRulers(parent) {
+    const { x, y, right } = this, middle = (y.from + y.to) / 2;
+    for (const value of x.ticks()) {
+      make("path", parent, { d: `M${x.place(value)} ${y.from}V${y.to}` });
+      make("text", parent, { class: "x", x: x.place(value), y: y.from + 12 }, x.words(value));
+    }
+    for (const value of y.ticks()) {
+      make("path", parent, { d: `M${x.from} ${y.place(value)}H${x.to}` });
+      make("text", parent, { class: "y", x: x.from - 5, y: y.place(value) + 3 }, y.words(value));
+    }
+    for (const value of right?.ticks() ?? []) make("text", parent, { x: x.to + 5, y: right.place(value) + 3 }, right.words(value));
+    make("path", parent, { class: "axis", d: `M${x.from} ${y.to}V${y.from}H${x.to}` });
+    make("text", parent, { class: "x", x: (x.from + x.to) / 2, y: this.height - 4 }, x.label);
+    make("text", parent, { class: "x", transform: `translate(9 ${middle}) rotate(-90)` }, y.label);
+    if (right) make("text", parent, { class: "x", transform: `translate(${WIDTH - 4} ${middle}) rotate(-90)` }, right.label);
+  }
+
+  drawGuide({ at, text, axis, colour, at_start: atStart }, parent) {
+    const { x, y } = this, place = this[axis].place(at), upright = axis === "x";
+    const group = make("g", parent, { class: upright ? "guide upright" : "guide", tone: colour });
+    make("path", group, { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
+    if (upright) make("text", group, { transform: `translate(${place - 3} ${y.from - 4}) rotate(-90)` }, text);
+    else make("text", group, { class: atStart ? "" : "y", x: atStart ? x.from + 4 : x.to - 3, y: place - 3 }, text);
+  }
+
+  drawSeries(series, parent) {
+    const [x, y] = series.scales, places = series.points.map(([a, b]) => [x.place(a).toFixed(2), y.place(b).toFixed(2)]);
+    const line = series.kind === "line", every = line ? Math.max(Math.floor(places.length / 8), 1) : 1;
+    if (series.kind !== "marks") makeLine(series, `M${places.join("L")}`, parent);
+    for (let i = 0; series.marker && i < places.length; i += every) makeMark(series, line ? 2.2 : 3.6, parent, `translate(${places[i]})`);
+    for (const [i, label] of series.labels.entries()) {
+      make("text", parent, { class: "label", x: x.place(series.x[i]) + 7, y: y.place(series.y[i]) - 4 }, label);
+    }
+  }
+
+  /** Shows other shares of the whole of x, of y, or of both; y and the right axis go together. */
+  zoom({ x, y }) {
+    if (x) this.x.zoom(...x);
+    for (const scale of y ? [this.y, this.right] : []) scale?.zoom(...y);
     this.redraw();
   }
 
-  reset() {
-    this.zoom(this.home);
-  }
-
-  redraw() {
-    const x = (place) => this.moved(place, "x"), y = (place) => this.moved(place, "y");
-    for (const part of this.inside) {
-      if (part.d !== undefined) {
-        const d = part.d.replace(PAIR, (_, a, b) => `${x(Number(a)).toFixed(3)} ${y(Number(b)).toFixed(3)}`);
-        part.element.setAttribute("d", d);
-      } else {
-        part.element.setAttribute("x", x(part.x).toFixed(3));
-        part.element.setAttribute("y", y(part.y).toFixed(3));
-      }
-    }
-    for (const { element, ...at } of this.notes) {
-      const shift = ["x", "y"].map((name) => (at[name] === null ? 0 : this.moved(at[name], name) - at[name]));
-      const seen = ["x", "y"].every((name) => at[name] === null || this.holds(this.moved(at[name], name), name));
-      element.setAttribute("transform", `translate(${shift})`);
-      element.style.display = seen ? "" : "none";
-    }
-    for (const ruler of this.rulers) this.redrawRuler(ruler);
-    this.whole.hidden = !this.zoomed("x") && !this.zoomed("y");
-    if (this.at) this.tell(...this.at);
-  }
-
-  zoomed(name) {
-    return this.window[name].some((place, i) => place !== this.home[name][i]);
-  }
-
-  /** Whether a place on the page is inside the axes, along x or y. */
-  holds(place, name) {
-    return place >= this.home[name][0] - 0.01 && place <= this.home[name][1] + 0.01;
-  }
-
-  /** Python's ticks for the whole range, new ones in their style for a part of it. */
-  redrawRuler({ ticks, name, axes, group }) {
-    const zoomed = this.zoomed(name), scale = this.axes[axes][name];
-    for (const tick of ticks) tick.style.display = zoomed ? "none" : "";
-    group.querySelector(".ticks")?.remove();
-    const pattern = ticks.map((tick) => ({ text: tick.querySelector("text"), grid: tick.querySelector("path[clip-path]") }));
-    const like = pattern.find(({ text }) => text);
-    if (!zoomed || !like || !scale.label) return;
-    const fresh = this.make("g", "ticks", group);
-    for (const value of scale.ticks(...this.window[name])) {
-      const place = this.moved(scale.place(value), name), [low, high] = this.home[name === "x" ? "y" : "x"];
-      if (like.grid) {
-        const line = this.make("path", "", fresh);
-        line.setAttribute("style", like.grid.getAttribute("style"));
-        line.setAttribute("d", name === "x" ? `M ${place} ${low} L ${place} ${high}` : `M ${low} ${place} L ${high} ${place}`);
-      }
-      const text = this.make("text", "", fresh), at = { x: like.text.getAttribute("x"), y: like.text.getAttribute("y") };
-      at[name] = name === "x" ? place : place + 3.2; // half the height of a digit below the tick
-      text.setAttribute("style", like.text.getAttribute("style"));
-      text.setAttribute("x", at.x);
-      text.setAttribute("y", at.y);
-      text.textContent = shortly(value);
-    }
-  }
+  reset() { this.zoom({ x: [0, 1], y: [0, 1] }); }
 
   // Reading values
+
+  seen({ scales }, point) { return scales.every((scale, i) => scale.holds(point[i])); }
 
   /** Marks a curve's point and says its values. */
   tell(curve, index) {
     this.at = [curve, index];
-    const { name, axes, points } = curve, [x, y] = points[index], places = [this.moved(x, "x"), this.moved(y, "y")];
-    const seen = this.holds(places[0], "x") && this.holds(places[1], "y");
-    this.dot.style.display = this.told.style.display = seen ? "" : "none";
-    this.dot.setAttribute("cx", places[0]);
-    this.dot.setAttribute("cy", places[1]);
-    const lines = [[axes.x, x], [axes.y, y]].filter(([scale]) => scale.label);
-    const head = document.createElement("b");
-    head.textContent = name;
-    this.told.replaceChildren(head, ...lines.flatMap(([scale, place]) => {
-      const value = document.createElement("span");
-      value.textContent = ` ${scale.label}: ${shortly(scale.value(place))}`;
-      return [document.createElement("br"), value];
-    }));
-    const box = this.svg.getBoundingClientRect(), own = this.frame.getBoundingClientRect(), unit = box.width / this.width;
-    const left = box.left - own.left + places[0] * unit, top = box.top - own.top + places[1] * unit;
-    const aside = left + 14 + this.told.offsetWidth > own.width ? left - 14 - this.told.offsetWidth : left + 14;
-    this.told.style.left = `${Math.max(0, aside)}px`;
-    this.told.style.top = `${Math.max(0, top - this.told.offsetHeight - 8)}px`;
+    const { told, dot } = this, point = curve.points[index], [x, y] = curve.scales.map((scale, i) => scale.place(point[i]));
+    told.style.display = dot.style.display = this.seen(curve, point) ? "" : "none";
+    [dot.cx.baseVal.value, dot.cy.baseVal.value] = [x, y];
+    told.replaceChildren();
+    add("b", told, { textContent: curve.name });
+    for (const [i, scale] of curve.scales.entries()) told.append(document.createElement("br"), ` ${scale.told(point[i])}`);
+    const box = this.svg.getBoundingClientRect(), own = this.frame.getBoundingClientRect(), unit = box.width / WIDTH;
+    const left = box.left - own.left + x * unit, aside = left + 14 + told.offsetWidth > own.width ? -14 - told.offsetWidth : 14;
+    told.style.left = `${Math.max(0, left + aside)}px`;
+    told.style.top = `${Math.max(0, box.top - own.top + y * unit - told.offsetHeight - 8)}px`;
   }
 
   hide() {
     this.at = null;
-    for (const part of [this.dot, this.told, this.choice]) part.style.display = "none";
-  }
-
-  get width() {
-    return this.svg.viewBox.baseVal.width;
-  }
-
-  /** The pointer in the drawing's units. */
-  pointer(event) {
-    const box = this.svg.getBoundingClientRect(), unit = this.width / box.width;
-    return [(event.clientX - box.left) * unit, (event.clientY - box.top) * unit];
+    for (const part of [this.told, this.dot]) part.style.display = "none";
   }
 
   tellNearest([x, y]) {
     let nearest = Infinity, found = null;
     for (const curve of this.curves) {
-      curve.points.forEach(([px, py], index) => {
-        const at = [this.moved(px, "x"), this.moved(py, "y")], distance = Math.hypot(at[0] - x, at[1] - y);
-        if (distance < nearest && this.holds(at[0], "x") && this.holds(at[1], "y")) [nearest, found] = [distance, [curve, index]];
-      });
+      for (const [index, point] of curve.points.entries()) {
+        const distance = Math.hypot(curve.scales[0].place(point[0]) - x, curve.scales[1].place(point[1]) - y);
+        if (distance < nearest && this.seen(curve, point)) [nearest, found] = [distance, [curve, index]];
+      }
     }
     if (found) this.tell(...found);
     else this.hide();
@@ -265,76 +262,62 @@ export class Plot {
   // Pointer and keys
 
   listen() {
-    const on = (event, action) => this.svg.addEventListener(event, action);
-    on("pointerdown", (event) => this.down(event));
-    on("pointermove", (event) => this.move(event));
-    on("pointerup", (event) => this.up(event));
-    on("pointercancel", () => this.cancel());
-    on("pointerleave", (event) => event.pointerType === "mouse" && !this.from && this.hide());
-    on("dblclick", () => this.reset());
+    const act = {
+      pointerdown: (event) => event.button === 0 && this.down(event),
+      pointermove: (event) => this.move(event, this.pointer(event)),
+      pointerup: (event) => this.up(this.pointer(event)),
+      pointercancel: () => this.up(null),
+      pointerleave: (event) => event.pointerType === "mouse" && !this.start && this.hide(),
+      dblclick: () => this.reset(),
+    };
+    for (const [name, action] of Object.entries(act)) this.svg.addEventListener(name, action);
     this.whole.addEventListener("click", () => this.reset());
     this.frame.addEventListener("keydown", (event) => this.key(event));
     this.frame.addEventListener("focusout", () => this.hide());
   }
 
+  /** The pointer in the drawing's units. */
+  pointer(event) {
+    const box = this.svg.getBoundingClientRect(), unit = WIDTH / box.width;
+    return [(event.clientX - box.left) * unit, (event.clientY - box.top) * unit];
+  }
+
   down(event) {
-    if (event.button !== 0) return;
-    this.from = this.pointer(event);
+    this.start = this.pointer(event);
     this.svg.setPointerCapture(event.pointerId);
   }
 
-  move(event) {
-    const to = this.pointer(event), range = this.from && this.range(to);
-    if (!range) {
-      if (event.pointerType === "mouse") this.tellNearest(to);
-      return;
-    }
-    this.hide();
-    const [x, y] = [range.x ?? this.home.x, range.y ?? this.home.y];
-    const sizes = { x: Math.min(...x), y: Math.min(...y), width: Math.abs(x[1] - x[0]), height: Math.abs(y[1] - y[0]) };
-    for (const [name, value] of Object.entries(sizes)) this.choice.setAttribute(name, value);
-    this.choice.style.display = "";
+  move(event, to) {
+    const range = this.range(to), sides = ["x", "y"].map((name) => range?.[name] ?? [this[name].from, this[name].to]);
+    if (range) {
+      this.hide();
+      const [x, y, width, height] = [...sides.map((ends) => Math.min(...ends)), ...sides.map(([a, b]) => Math.abs(b - a))];
+      for (const [name, value] of Object.entries({ x, y, width, height, style: "" })) this.choice.setAttribute(name, value);
+    } else if (event.pointerType === "mouse") this.tellNearest(to);
   }
 
-  up(event) {
-    const to = this.pointer(event), range = this.from && this.range(to);
-    this.cancel();
-    if (!range) {
-      this.tellNearest(to);
-      return;
-    }
-    const places = Object.entries(range).map(([name, ends]) => [name, ends.map((place) => this.unmoved(place, name))]);
-    this.zoom(Object.fromEntries(places));
-  }
-
-  cancel() {
-    this.from = null;
+  up(to) {
+    const range = to && this.range(to);
+    this.start = null;
     this.choice.style.display = "none";
+    if (range) this.zoom({ x: range.x?.map((at) => this.x.shareAt(at)), y: range.y?.map((at) => this.y.shareAt(at)) });
+    else if (to) this.tellNearest(to);
   }
 
-  /** What a drag to here chooses on the page: a range of x, of y, or of both; null while it is a press. */
+  /** What a drag to here chooses of the drawing: a range of x, of y, or of both; null while it is a press. */
   range(to) {
-    const size = to.map((place, i) => Math.abs(place - this.from[i]));
+    const size = to.map((place, i) => Math.abs(place - (this.start ?? to)[i])), [x, y] = to.map((place, i) => [this.start?.[i], place]);
     if (Math.max(...size) < DRAG) return null;
-    const clipped = (i, name) => [this.from[i], to[i]].map((at) => Math.min(this.home[name][1], Math.max(this.home[name][0], at)));
-    const along = {};
-    if (size[0] > size[1] / 2) along.x = clipped(0, "x");
-    if (size[1] > size[0] / 2) along.y = clipped(1, "y");
-    return along;
+    return { ...(size[0] > size[1] / 2 && { x }), ...(size[1] > size[0] / 2 && { y }) };
   }
 
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target !== this.frame || !this.curves.length) return;
     const keys = {
-      ArrowLeft: () => this.step(-1),
-      ArrowRight: () => this.step(1),
-      ArrowUp: () => this.change(-1),
-      ArrowDown: () => this.change(1),
-      "+": () => this.zoomAbout(1 / 2),
-      "=": () => this.zoomAbout(1 / 2),
-      "-": () => this.zoomAbout(2),
-      0: () => this.reset(),
-      Escape: () => this.hide(),
+      ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1),
+      ArrowUp: () => this.change(-1), ArrowDown: () => this.change(1),
+      "+": () => this.zoomAbout(1 / 2), "=": () => this.zoomAbout(1 / 2), "-": () => this.zoomAbout(2),
+      0: () => this.reset(), Escape: () => this.hide(),
     };
     if (!keys[event.key]) return;
     event.preventDefault();
@@ -344,23 +327,22 @@ export class Plot {
   /** The next or previous point of the curve that is in sight. */
   step(by) {
     const [curve, index] = this.at ?? [this.curves[0], by > 0 ? -1 : this.curves[0].points.length];
-    const inSight = (i) => curve.points[i] && ["x", "y"].every((name, axis) => this.holds(this.moved(curve.points[i][axis], name), name));
     let next = index + by;
-    while (curve.points[next] && !inSight(next)) next += by;
+    while (curve.points[next] && !this.seen(curve, curve.points[next])) next += by;
     if (curve.points[next]) this.tell(curve, next);
   }
 
   /** Another curve, at its point nearest along x. */
   change(by) {
     const [curve, index] = this.at ?? [this.curves.at(by > 0 ? -1 : 0), 0], count = this.curves.length;
-    const next = this.curves[(this.curves.indexOf(curve) + by + count) % count];
-    const x = curve.points[index][0], apart = next.points.map((point) => Math.abs(point[0] - x));
+    const next = this.curves[(this.curves.indexOf(curve) + by + count) % count], at = this.x.share(curve.points[index][0]);
+    const apart = next.points.map(([x]) => Math.abs(this.x.share(x) - at));
     this.tell(next, apart.indexOf(Math.min(...apart)));
   }
 
   /** Zooms x by a factor about the point that is told, or the middle. */
   zoomAbout(factor) {
-    const [a, b] = this.window.x, middle = this.at ? this.at[0].points[this.at[1]][0] : (a + b) / 2;
+    const [a, b] = this.x.window, middle = this.at ? this.x.share(this.at[0].points[this.at[1]][0]) : (a + b) / 2;
     this.zoom({ x: [middle - factor * (middle - a), middle + factor * (b - middle)] });
   }
 }

@@ -4,7 +4,7 @@ import { Plot } from "./plot.js";
 import { Replay } from "./replay.js";
 
 document.addEventListener("DOMContentLoaded", () => {
-  for (const svg of document.querySelectorAll(".plot > svg[data-axes]")) svg.parentElement.plot = new Plot(svg);
+  for (const frame of document.querySelectorAll(".plot")) frame.plot = new Plot(frame);
   // Where there is no WebGL 2 the figure stays hidden; the still pictures below it say what they can.
   if (!document.createElement("canvas").getContext("webgl2")) return;
   for (const figure of document.querySelectorAll("figure.replay")) figure.replay = new Replay(figure);

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.drawing import Pose, animation, side_by_side
-from ldsim.report.errors import MM_PER_M
-from ldsim.report.finished_run import FinishedRun
-from ldsim.report.html import readable
+from ldsim.report.runs import reduced_runs, title
+from ldsim.report.schema import MM_PER_M
+from ldsim.report.wording import readable
+from ldsim.run import Run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -52,7 +53,7 @@ class Studio:
         run: the run; its snapshots must stay open.
     """
 
-    def __init__(self, run: FinishedRun) -> None:
+    def __init__(self, run: Run) -> None:
         self._run = run
         self._turn = upright(run.scene.gravity)
         self._rest = run.scene.mesh.vertices @ self._turn.T
@@ -61,13 +62,13 @@ class Studio:
     def still(self, moment: Moment) -> Picture:
         """One frame of all spaces; a space that is lost by then is left out and named in the caption."""
         full = self._full(moment.motion, moment.frame)
-        poses, remarks, framed = [Pose(self._run.title("full"), full)], [], [full]
-        for space, trajectory in self._run.reduced_runs(moment.motion).items():
+        poses, remarks, framed = [Pose(title(self._run, "full"), full)], [], [full]
+        for space, trajectory in reduced_runs(self._run, moment.motion).items():
             reduced = self._reduced(space, moment.motion, moment.frame)
             if not np.isfinite(reduced).all():
                 remarks.append(f"{space} has diverged")
                 continue
-            poses.append(Pose(self._run.title(space), reduced))
+            poses.append(Pose(title(self._run, space), reduced))
             framed += [reduced] if self._near(reduced, full) else []
             if trajectory.mean_error is not None:
                 remarks.append(f"{space} {readable(MM_PER_M * float(trajectory.mean_error[moment.frame]))} mm")
@@ -86,11 +87,11 @@ class Studio:
         if len(frames) < FEWEST_FRAMES:
             return None
         full = np.stack([self._full(motion, frame) for frame in frames])
-        sequences = [(self._run.title("full"), full)]
-        for space in self._run.reduced_runs(motion):
+        sequences = [(title(self._run, "full"), full)]
+        for space in reduced_runs(self._run, motion):
             moved = np.stack([self._reduced(space, motion, frame) for frame in frames])
             if self._near(moved, full):
-                sequences.append((self._run.title(space), moved))
+                sequences.append((title(self._run, space), moved))
         view = look_at_broadside(self._rest, np.concatenate([positions for _, positions in sequences]))
         pause = float(frames[1] - frames[0]) * self._run.scene.time_step
         data = animation(sequences, self._triangles, pause, view, len(frames), ANIMATION_WIDTH)
@@ -106,10 +107,10 @@ class Studio:
         return positions
 
     def _reduced(self, space: str, motion: str, frame: int) -> Array:
-        q = self._run.reduced_runs(motion)[space].coordinates
+        q = reduced_runs(self._run, motion)[space].coordinates
         assert q is not None
-        u: Array = self._run.basis.basis.matrix[:, : q.shape[1]] @ q[frame]
-        lifted = self._run.lifting.displacements(self._run.recorded[motion].motion)(frame, frame + 1)[0]
+        u: Array = self._run.basis.matrix[:, : q.shape[1]] @ q[frame]
+        lifted = self._run.lifting.displacements(self._run.motions[motion].motion)(frame, frame + 1)[0]
         positions: Array = self._rest + (u.reshape(-1, 3) + lifted) @ self._turn.T
         return positions
 
@@ -123,7 +124,7 @@ class Studio:
         moved = mean_displacement(self._run, motion)
         if moved is None:
             return np.empty(0, dtype=np.int64)
-        panels = 1 + len(self._run.reduced_runs(motion))
+        panels = 1 + len(reduced_runs(self._run, motion))
         most = min(ANIMATION_FRAMES, ANIMATION_TRIANGLES // (panels * len(self._triangles)))
         length = min(round(ANIMATION_SECONDS / self._run.scene.time_step), len(moved))
         stride = max(-(-length // max(most, 1)), 1)
@@ -135,12 +136,12 @@ class Studio:
         return (frame + 1) * self._run.scene.time_step
 
     def _motion_words(self, motion: str) -> str:
-        return f"Motion {motion} ({ROLE_WORDS[self._run.recorded[motion].role]})"
+        return f"Motion {motion} ({ROLE_WORDS[self._run.motions[motion].role]})"
 
 
-def mean_displacement(run: FinishedRun, motion: str) -> Array | None:
+def mean_displacement(run: Run, motion: str) -> Array | None:
     """Mean vertex displacement of the full space in each frame, (N,) metres, where a reduced run recorded it."""
-    known = (trajectory.mean_displacement for trajectory in run.reduced_runs(motion).values())
+    known = (trajectory.mean_displacement for trajectory in reduced_runs(run, motion).values())
     return next((moved for moved in known if moved is not None and len(moved)), None)
 
 
@@ -155,9 +156,9 @@ def peaks(values: Array, count: int) -> list[int]:
     return sorted(chosen)
 
 
-def moments(run: FinishedRun, count: int) -> list[Moment]:
+def moments(run: Run, count: int) -> list[Moment]:
     """The frames to show: of every held-out motion, then of the first training motion, where reduced spaces ran it."""
-    roles = {name: recorded.role for name, recorded in run.recorded.items()}
+    roles = {name: recorded.role for name, recorded in run.motions.items()}
     shown = [name for name, role in roles.items() if role == "heldout"] + first_training_motion(run)
     displacements = {name: mean_displacement(run, name) for name in shown}
     return [
@@ -168,13 +169,13 @@ def moments(run: FinishedRun, count: int) -> list[Moment]:
     ]
 
 
-def first_training_motion(run: FinishedRun) -> list[str]:
+def first_training_motion(run: Run) -> list[str]:
     """The first training motion that a reduced space ran, in a list, or an empty one."""
-    names = (name for name, recorded in run.recorded.items() if recorded.role == "train" and run.reduced_runs(name))
+    names = (name for name, recorded in run.motions.items() if recorded.role == "train" and reduced_runs(run, name))
     return list(names)[:1]
 
 
-def take_pictures(run: FinishedRun, count: int) -> Iterator[Picture | None]:
+def take_pictures(run: Run, count: int) -> Iterator[Picture | None]:
     """The animation, then a picture of each moment; None for one that cannot be shown.
 
     Args:

@@ -7,10 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.trajectory import Trajectory
+from ldsim.mechanics.motion import Motion
+from ldsim.mesh.shapes import beam
 from ldsim.pipeline import comparison
-from ldsim.pipeline.comparison import with_errors
+from ldsim.pipeline.comparison import Reference, with_errors
+from ldsim.space.basis import Basis
+from ldsim.space.space import Space
+from tests.helpers import scene as scene_of
 
-N, VERTICES, K = 11, 7, 5
+SCENE = scene_of(beam(length=0.25, resolution=2))
+N, VERTICES, K = 11, SCENE.mesh.n_vertices, 5
 
 
 def a_run(seed: int = 5) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
@@ -20,13 +26,16 @@ def a_run(seed: int = 5) -> tuple[NDArray[np.float64], NDArray[np.float64], NDAr
     return rng.normal(size=(3 * VERTICES, K)), rng.normal(size=(N, K)), full
 
 
-def judged(U: NDArray[np.float64], q: NDArray[np.float64], again: NDArray[np.float64], full: object) -> Trajectory:
+def judged(
+    U: NDArray[np.float64], q: NDArray[np.float64], again: NDArray[np.float64], full: NDArray[np.float32]
+) -> Trajectory:
     none = np.zeros(N, dtype=np.int64)
 
     def run(coordinates: NDArray[np.float64]) -> Trajectory:
         return Trajectory(none, none, none, np.zeros(N), coordinates=coordinates)
 
-    return with_errors(run(q), U, lambda a, b: full[a:b], run(again))  # type: ignore[index]
+    space = Space.linear(SCENE, Basis.of(U, SCENE.mass), K)
+    return with_errors(run(q), run(again), space, Reference(Motion("any", N), {}, lambda a, b: full[a:b]))
 
 
 @pytest.mark.parametrize("chunk", [1, 4, 5, 100])

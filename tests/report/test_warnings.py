@@ -1,11 +1,16 @@
-"""Cautions: each arises from its cause and from nothing else."""
+"""Warnings: each arises from its cause and from nothing else."""
 
 from __future__ import annotations
 
 import pytest
 
-from ldsim.report.cautions import cautions
+from ldsim.report.schema import RunNumbers
+from ldsim.report.warnings import warnings_of_numbers
 from tests.report.example_report import example_report
+
+
+def warnings_of(report, **tolerance):
+    return warnings_of_numbers(RunNumbers.model_validate(report), **tolerance)
 
 
 def harmless_report():
@@ -18,7 +23,7 @@ def harmless_report():
 
 
 def test_a_good_run_gives_none():
-    assert cautions(harmless_report(), cubature_tolerance=0.1) == []
+    assert warnings_of(harmless_report(), cubature_tolerance=0.1) == []
 
 
 @pytest.mark.parametrize(
@@ -26,7 +31,7 @@ def test_a_good_run_gives_none():
     [
         (("simulate", "linear", 0, "diverged"), True, "linear run of motion x_2 diverged"),
         (("simulate", "latent", 1, "online_error", "relative"), 0.3313, "33.1 %"),
-        (("cubature", "linear", "relative_error", "train"), 0.384, "stopped at a relative error of 0.384; 0.1 was"),
+        (("cubature", "linear", "relative_error", "fitted"), 0.384, "stopped at a relative error of 0.384; 0.1 was"),
         (("speedup", "latent_over_linear"), 0.4, "takes 2.50 times as long as a step in the linear"),
         (("reconstruction", "heldout", "autoencoder", "max_mm"), 27.0, "up to 27.0 mm, against 4.01 mm"),
     ],
@@ -37,18 +42,18 @@ def test_each_cause_gives_its_own(path, value, expected):
     for key in path[:-1]:
         parent = parent[key]
     parent[path[-1]] = value
-    (caution,) = cautions(report, cubature_tolerance=0.1)
-    assert expected in caution
+    (warning,) = warnings_of(report, cubature_tolerance=0.1)
+    assert expected in warning
 
 
-def test_a_large_error_on_a_training_motion_is_no_held_out_caution():
+def test_a_large_error_on_a_training_motion_is_no_held_out_warning():
     report = harmless_report()
     report["simulate"]["latent"][0]["online_error"]["relative"] = 0.5
-    assert cautions(report) == []
+    assert warnings_of(report) == []
 
 
 def test_what_was_not_measured_gives_none():
     report = harmless_report()
     report["reconstruction"]["heldout"] = report["cubature"]["latent"] = None
     report["simulate"]["latent"][1]["online_error"] = None
-    assert cautions(report, cubature_tolerance=0.1) == []
+    assert warnings_of(report, cubature_tolerance=0.1) == []

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ldsim.report.report_schema import check_report
+from ldsim.report.schema import check_report
 from tests.report.example_report import example_report
 
 FREE_NAMES = (("machine", "versions"), ("stages",))

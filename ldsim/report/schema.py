@@ -1,0 +1,216 @@
+"""report.json: every key with its type, unit and meaning; made, written and checked by one model.
+
+The contract for every program that reads a run. Lengths are in millimetres and times in seconds unless a key says
+otherwise. A value that was not measured is null, never missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+SpaceName = Literal["full", "linear", "latent"]
+Role = Literal["train", "heldout"]
+STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
+SPACES: tuple[str, ...] = get_args(SpaceName)
+REDUCED = SPACES[1:]
+ROLES: tuple[str, ...] = get_args(Role)
+ROLE_NAMES = {"train": "training", "heldout": "held-out"}
+
+MM_PER_M = 1000.0
+
+Number = float | None
+Count = int | None
+
+
+def _about(sentence: str) -> Any:
+    return Field(description=sentence)
+
+
+def _without_unknown(value: object, known: Iterable[str]) -> object:
+    unknown = sorted(set(map(str, value)) - set(known)) if isinstance(value, Mapping) else []
+    if unknown:
+        found: dict[str, Any] = {"key": unknown[0], "known": ", ".join(known)}
+        raise PydanticCustomError("unknown", "{key} is unknown; known are {known}", found)
+    return value
+
+
+class ReportSection(BaseModel):
+    """An object of report.json: exactly its keys, only finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    def __getitem__(self, key: str) -> Any:
+        return getattr(self, key)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _names_unknown_keys(cls, value: object) -> object:
+        return _without_unknown(value, cls.model_fields)
+
+
+class MachineDescription(ReportSection):
+    cpu: str
+    cores: Annotated[Count, _about("cores that the process may use")]
+    gpu: str | None
+    versions: Annotated[dict[str, str], _about("package → version")]
+
+
+class MeshSize(ReportSection):
+    vertices: Count
+    cells: Count
+    cell_type: str
+    quadrature_points: Count
+
+
+class Dimensions(ReportSection):
+    k: Annotated[Count, _about("outer PCA dimension, which the decoder maps to")]
+    r: Annotated[Count, _about("latent dimension")]
+    kp: Annotated[Count, _about("PCA dimension whose largest training error is that of the autoencoder")]
+
+
+class VertexErrors(ReportSection):
+    """Vertex distance over a set of poses."""
+
+    max_mm: Number
+    mean_mm: Number
+
+
+class Reconstruction(ReportSection):
+    """Error of projecting the poses of one role on each space."""
+
+    autoencoder: VertexErrors | None
+    pca_r: VertexErrors | None
+    pca_kp: VertexErrors | None
+    pca_k: VertexErrors | None
+
+
+class RoleReconstructions(ReportSection):
+    train: Reconstruction | None
+    heldout: Reconstruction | None
+
+
+class ForceErrors(ReportSection):
+    """Relative error of the reduced forces."""
+
+    fitted: Annotated[Number, _about("on the poses that the rule was fitted to")]
+    kept_back: Annotated[Number, _about("on poses of the training motions that were kept back from the fit")]
+
+
+class VirtualRule(ReportSection):
+    """The virtual quadrature points that are stepped instead of those on the mesh."""
+
+    points: Count
+    relative_error: ForceErrors
+
+
+class RuleNumbers(ReportSection):
+    """The cubature rule of one space."""
+
+    points: Annotated[Count, _about("points on the mesh")]
+    relative_error: ForceErrors
+    virtual: VirtualRule | None
+    seconds: Annotated[Number, _about("time of the fit")]
+
+
+class Cubatures(ReportSection):
+    latent: RuleNumbers | None
+    linear: RuleNumbers | None
+
+
+class OnlineError(ReportSection):
+    """Vertex distance to the full-space run of the same motion."""
+
+    relative: Annotated[Number, _about("mean distance over the mean displacement of the full-space run")]
+    windowed: Annotated[Number, _about("the same, restarted from the full-space state every window")]
+    max_mm: Number
+    mean_mm: Number
+
+
+class NoveltyNumbers(ReportSection):
+    """The novelty score of a latent run: its distance to the training codes."""
+
+    median: Number
+    threshold: Annotated[Number, _about("score from which on a frame is warned of")]
+    share_above: Annotated[Number, _about("share of the frames above the threshold")]
+    rank_correlation: Annotated[Number, _about("Spearman's, of score and mean vertex distance")]
+    rank_correlation_remembered: Annotated[Number, _about("the same of the score averaged over the last half second")]
+
+
+class MotionRun(ReportSection):
+    """One motion in one space."""
+
+    motion: str
+    role: Role
+    frames: Annotated[Count, _about("steps that were made")]
+    median_step_ms: Number
+    p95_step_ms: Number
+    iterations: Annotated[Number, _about("mean of a step")]
+    evaluations: Annotated[Number, _about("mean of a step")]
+    online_error: OnlineError | None
+    novelty: NoveltyNumbers | None
+    diverged: bool
+
+
+class SpaceRuns(ReportSection):
+    full: list[MotionRun]
+    linear: list[MotionRun]
+    latent: list[MotionRun]
+
+
+class Speedups(ReportSection):
+    """Median step of the slower space over that of the latent one, over the motions that both ran."""
+
+    latent_over_linear: Number
+    latent_over_full: Number
+
+
+class StageCost(ReportSection):
+    seconds: Number
+    peak_memory_mb: Annotated[Number, _about("largest resident memory of one process, 10⁶ bytes")]
+
+
+class RunNumbers(ReportSection):
+    """The content of report.json."""
+
+    experiment: str
+    created: Annotated[str, _about("date and time, UTC")]
+    machine: MachineDescription
+    mesh: MeshSize
+    dims: Dimensions
+    reconstruction: RoleReconstructions
+    rest_residual_mm: Annotated[Number, _about("largest displacement of a vertex that the decoder gives the rest pose")]
+    cubature: Cubatures
+    simulate: SpaceRuns
+    speedup: Speedups
+    stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
+    warnings: list[str]
+
+    def headline_runs(self) -> dict[str, MotionRun]:
+        """Space → its run of the motion that headlines are about: the first held-out one, else the first of all."""
+        runs = [run for space in ("latent", "linear", "full") for run in self.simulate[space]]
+        motion = next((run.motion for run in runs if run.role == "heldout"), runs[0].motion if runs else None)
+        return {space: run for space in SPACES for run in self.simulate[space] if run.motion == motion}
+
+
+def check_report(report: object) -> list[str]:
+    """Every way in which `report`, read from JSON, breaks the contract, one sentence each; empty when it keeps it."""
+    try:
+        RunNumbers.model_validate(report)
+    except ValidationError as error:
+        return [_violation(dict(fault)) for fault in error.errors()]
+    return []
+
+
+def _violation(fault: dict[str, Any]) -> str:
+    """One fault in words: the path, what was got, and what is allowed."""
+    path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in fault["loc"]).lstrip(".")
+    if fault["type"] == "missing":
+        return f"{path} is missing"
+    if fault["type"] == "unknown":
+        return f"{path}.{fault['msg']}".lstrip(".")
+    allowed = "an object" if fault["type"] == "model_type" else fault["msg"].removeprefix("Input should be ")
+    return f"{path or 'the report'} is {fault['input']!r}; expected {allowed}"

@@ -1,0 +1,137 @@
+"""What a reader of a report must know before the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.optimise.solution import Reason
+from ldsim.report.runs import runs
+from ldsim.report.schema import MM_PER_M, REDUCED, SPACES, RunNumbers
+from ldsim.report.wording import readable
+from ldsim.run import Run
+
+LARGE_ONLINE_ERROR = 0.1
+HELDOUT_GAP = 3.0
+
+
+def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float | None = None) -> list[str]:
+    """Warnings that report.json alone can tell, the gravest first.
+
+    Args:
+        cubature_tolerance: relative error that was asked of cubature; None skips that check.
+
+    Returns:
+        Sentences: diverged runs, held-out motions missed by more than 10 %, latent steps slower than linear
+        ones, cubature worse than asked for, and spaces that reconstruct held-out frames three times worse than those
+        they were trained on.
+    """
+    return [
+        *_diverged(report),
+        *_large_online_errors(report),
+        *_slower_than_linear(report),
+        *_cubature_misses(report, cubature_tolerance),
+        *_reconstruction_gaps(report),
+    ]
+
+
+def warnings_of_run(run: Run, training_tolerance_mm: float) -> list[str]:
+    """Warnings that only the artefacts can tell: a missed tolerance, steps that stopped early, a changed material."""
+    return [
+        *_missed_training_tolerance(run, training_tolerance_mm),
+        *_unconverged_steps(run),
+        *_changed_material(run),
+    ]
+
+
+def _diverged(report: RunNumbers) -> list[str]:
+    return [
+        f"The {space} run of motion {run.motion} diverged; its times end where it did, and it has no errors."
+        for space in SPACES
+        for run in report.simulate[space]
+        if run.diverged
+    ]
+
+
+def _large_online_errors(report: RunNumbers) -> list[str]:
+    found = []
+    for space in REDUCED:
+        for run in report.simulate[space]:
+            error = run.online_error and run.online_error.relative
+            if run.role == "heldout" and error is not None and error > LARGE_ONLINE_ERROR:
+                found.append(
+                    f"On motion {run.motion}, which nothing was fitted to, the {space} run is "
+                    f"{readable(100 * error)} % of the mean displacement away from full space."
+                )
+    return found
+
+
+def _slower_than_linear(report: RunNumbers) -> list[str]:
+    faster = report.speedup.latent_over_linear
+    if faster is None or faster >= 1:
+        return []
+    return [
+        f"A latent step takes {readable(1 / faster)} times as long as a step in the linear space that reconstructs "
+        "the training poses as well."
+    ]
+
+
+def _cubature_misses(report: RunNumbers, tolerance: float | None) -> list[str]:
+    found = []
+    for space in REDUCED:
+        rule = report.cubature[space]
+        reached = rule and rule.relative_error.fitted
+        if tolerance is not None and reached is not None and reached > tolerance:
+            found.append(
+                f"Cubature of the {space} space stopped at a relative error of {readable(reached)}; "
+                f"{tolerance:g} was asked for."
+            )
+    return found
+
+
+def _reconstruction_gaps(report: RunNumbers) -> list[str]:
+    roles = (report.reconstruction.train, report.reconstruction.heldout)
+    seen, unseen = (role.autoencoder.max_mm if role and role.autoencoder else None for role in roles)
+    if seen is None or unseen is None or unseen <= HELDOUT_GAP * seen:
+        return []
+    return [
+        f"The autoencoder misses held-out frames by up to {readable(unseen)} mm, against {readable(seen)} mm on the "
+        "frames it was trained on."
+    ]
+
+
+def _missed_training_tolerance(run: Run, tolerance_mm: float) -> list[str]:
+    if int(run.header("model").notes.get("met", 1)):
+        return []
+    reached = MM_PER_M * float(run.model.errors[0, 0])
+    return [
+        f"The autoencoder misses training frames by up to {readable(reached)} mm; "
+        f"{tolerance_mm:g} mm were asked for (train.tolerance_mm)."
+    ]
+
+
+def _changed_material(run: Run) -> list[str]:
+    if not int(run.header("simulation").notes.get("material_changed", 0)):
+        return []
+    return [
+        "The motions were simulated with another material than the snapshots have (simulate.material), so there is no "
+        "full-space run to judge them by; basis, autoencoder and cubature are those of the old material."
+    ]
+
+
+def _unconverged_steps(run: Run) -> list[str]:
+    """One sentence for each run with steps that stopped early; a run that diverged has its own warning."""
+    found = [_unconverged("snapshots (full space)", name, recorded.reason) for name, recorded in run.motions.items()]
+    for space in SPACES:
+        for name, trajectory in runs(run, space).items():
+            if not trajectory.diverged:
+                found.append(_unconverged(f"{space} run", name, trajectory.reason))
+    return [sentence for sentence in found if sentence]
+
+
+def _unconverged(what: str, motion: str, reason: NDArray[np.int64]) -> str:
+    failed = reason[reason != Reason.CONVERGED]
+    if len(failed) == 0:
+        return ""
+    commonest = Reason(int(np.bincount(failed).argmax())).words
+    return f"In the {what} of motion {motion}, {len(failed)} of {len(reason)} steps did not converge ({commonest})."
