@@ -1,4 +1,4 @@
-"""What each kind of artefact holds: every dataset with its type and shape; docs/reference/artefacts.md comes from this table.
+"""What each kind of artefact holds: every dataset with its type and shape, for checks and for the reference page.
 
 A shape is a tuple of numbers and symbols; the same symbol has the same value throughout a file. `*` in a path stands
 for a name, and symbols inside such a group are its own.

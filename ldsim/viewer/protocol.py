@@ -2,162 +2,100 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, get_args
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ldsim.errors import LdsimError
 
 MAX_BYTES = 4096
 
-Vector = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Place = tuple[Number, Number, Number]
+Key = Annotated[int, Field(ge=0, lt=2**31)]
+Word = Annotated[str, Field(min_length=1, max_length=40)]
 
 
 class ProtocolError(LdsimError):
     """A message that the page never sends."""
 
 
-@dataclass(frozen=True)
-class Grab:
+class PageMessage(BaseModel):
+    """What all messages are: frozen, of exact types, without further fields; `kind` tells them apart."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class GrabMessage(PageMessage):
     """Take hold of the material point of a displayed space nearest to `point` at rest, or deformed in a recording."""
 
-    id: int
-    point: Vector
-    target: Vector
+    kind: Literal["grab"] = "grab"
+    id: Key
+    point: Place
+    target: Place
 
 
-@dataclass(frozen=True)
-class Move:
+class MoveMessage(PageMessage):
     """Pull a grab to another target."""
 
-    id: int
-    target: Vector
+    kind: Literal["move"] = "move"
+    id: Key
+    target: Place
 
 
-@dataclass(frozen=True)
-class Release:
+class ReleaseMessage(PageMessage):
     """Let a grab go."""
 
-    id: int
+    kind: Literal["release"] = "release"
+    id: Key
 
 
-@dataclass(frozen=True)
-class Gravity:
+class GravityMessage(PageMessage):
     """Gravity from now on, m/s²."""
 
-    value: Vector
+    kind: Literal["gravity"] = "gravity"
+    value: Place
 
 
-@dataclass(frozen=True)
-class Stiffness:
-    """What the moduli are multiplied by from now on."""
+class NumberMessage(PageMessage):
+    """What the moduli are multiplied by from now on, or simulated seconds a second."""
 
-    value: float
-
-
-@dataclass(frozen=True)
-class Speed:
-    """Simulated seconds a second."""
-
-    value: float
+    kind: Literal["stiffness", "speed"]
+    value: Number
 
 
-@dataclass(frozen=True)
-class Pause:
-    """Stop, or go on."""
+class SwitchMessage(PageMessage):
+    """Pause or go on; record from rest, or end and write it; play the last recording back from rest, or stop that."""
 
+    kind: Literal["pause", "record", "replay"]
     value: bool
 
 
-@dataclass(frozen=True)
-class Step:
-    """One time step while paused."""
+class ButtonMessage(PageMessage):
+    """One time step while paused, or back to rest."""
+
+    kind: Literal["step", "reset"]
 
 
-@dataclass(frozen=True)
-class Reset:
-    """Back to rest."""
-
-
-@dataclass(frozen=True)
-class Spaces:
+class SpacesMessage(PageMessage):
     """Which spaces to show side by side, by name."""
 
-    value: tuple[str, ...]
+    kind: Literal["spaces"] = "spaces"
+    value: Annotated[tuple[Word, ...], Field(min_length=1, max_length=8)]
 
 
-@dataclass(frozen=True)
-class Colour:
+class ColourMessage(PageMessage):
     """What the colour shows."""
 
-    value: str
+    kind: Literal["colour"] = "colour"
+    value: Word
 
 
-@dataclass(frozen=True)
-class Record:
-    """Start a recording from rest, or end it and write it."""
-
-    value: bool
-
-
-@dataclass(frozen=True)
-class Replay:
-    """Play the last recording back from rest, or stop doing so."""
-
-    value: bool
-
-
-Message = Grab | Move | Release | Gravity | Stiffness | Speed | Pause | Step | Reset | Spaces | Colour | Record | Replay
-KINDS: dict[str, type[Message]] = {kind.__name__.lower(): kind for kind in get_args(Message)}
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e6:
-        raise ValueError
-    return float(value)
-
-
-def _integer(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**31:
-        raise ValueError
-    return value
-
-
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError
-    return value
-
-
-def _word(value: Any) -> str:
-    if not isinstance(value, str) or not 0 < len(value) <= 40:
-        raise ValueError
-    return value
-
-
-def _vector(value: Any) -> Vector:
-    if not isinstance(value, list) or len(value) != 3:
-        raise ValueError
-    x, y, z = (_number(entry) for entry in value)
-    return x, y, z
-
-
-def _words(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or not 0 < len(value) <= 8:
-        raise ValueError
-    return tuple(_word(entry) for entry in value)
-
-
-READERS: dict[str, Callable[[Any], Any]] = {
-    "int": _integer,
-    "float": _number,
-    "bool": _flag,
-    "str": _word,
-    "Vector": _vector,
-    "tuple[str, ...]": _words,
-}
+Message = (
+    GrabMessage | MoveMessage | ReleaseMessage | GravityMessage | NumberMessage | SwitchMessage | ButtonMessage
+    | SpacesMessage | ColourMessage
+)  # fmt: skip
+ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
 
 
 def parse(text: str | bytes) -> Message:
@@ -169,11 +107,8 @@ def parse(text: str | bytes) -> Message:
     if isinstance(text, bytes) or len(text) > MAX_BYTES:
         raise ProtocolError("a message must be text of at most 4096 characters")
     try:
-        content = json.loads(text)
-        kind = KINDS[content.pop("kind")]
-        values = {entry.name: READERS[str(entry.type)](content.pop(entry.name)) for entry in fields(kind)}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ProtocolError(f"not a message of the page: {text[:80]!r}") from error
-    if content:
-        raise ProtocolError(f"a message of {kind.__name__.lower()} has no field {next(iter(content))!r:.60}")
-    return kind(**values)
+        return ANY.validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(key) for key in first["loc"][1:])
+        raise ProtocolError(f"not a message of the page: {text[:80]!r} ({where} {first['msg'].lower()})") from error

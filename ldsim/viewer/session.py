@@ -190,43 +190,44 @@ class Session:
 
     def _do(self, client: int, message: protocol.Message | None) -> bool:
         """Do what a message says; returns whether the page's controls show it."""
+        if message is None:
+            self._leave(client)
+            return True
         match message:
-            case None:
-                self._leave(client)
-            case protocol.Grab():
+            case protocol.GrabMessage():
                 self._grab(client, message)
-            case protocol.Move(key, target):
-                self._move(key, np.array(target))
-            case protocol.Release(key):
-                self._release(key)
-            case protocol.Gravity(value):
-                self._condition(value, self.look.stiffness)
-            case protocol.Stiffness(value):
-                self._condition(self.look.gravity, min(max(value, 0.01), 100.0))
-            case protocol.Speed(value):
-                self.look.speed = min(max(value, 0.01), 4.0)
-            case protocol.Pause(value):
-                self.look.paused = value
-            case protocol.Step():
+            case protocol.MoveMessage():
+                self._move(message.id, np.array(message.target))
+            case protocol.ReleaseMessage():
+                self._release(message.id)
+            case protocol.GravityMessage():
+                self._condition(message.value, self.look.stiffness)
+            case protocol.NumberMessage(kind="stiffness"):
+                self._condition(self.look.gravity, min(max(message.value, 0.01), 100.0))
+            case protocol.NumberMessage():
+                self.look.speed = min(max(message.value, 0.01), 4.0)
+            case protocol.SwitchMessage(kind="pause"):
+                self.look.paused = message.value
+            case protocol.SwitchMessage(kind="record"):
+                self._record(message.value)
+            case protocol.SwitchMessage():
+                self._replay(message.value)
+            case protocol.ButtonMessage(kind="step"):
                 self.look.paused = True
                 self.step()
-            case protocol.Reset():
+            case protocol.ButtonMessage():
                 self._reset()
-            case protocol.Spaces(names):
-                self._show(names)
-            case protocol.Colour(name):
-                self._colour(name)
-            case protocol.Record(value):
-                self._record(value)
-            case protocol.Replay(value):
-                self._replay(value)
-        return not isinstance(message, protocol.Grab | protocol.Move | protocol.Release)
+            case protocol.SpacesMessage():
+                self._show(message.value)
+            case protocol.ColourMessage():
+                self._colour(message.value)
+        return message.kind not in ("grab", "move", "release")
 
     def _leave(self, client: int) -> None:
         for key in [key for key, held in self._held.items() if held.client == client]:
             self._release(key)
 
-    def _grab(self, client: int, message: protocol.Grab) -> None:
+    def _grab(self, client: int, message: protocol.GrabMessage) -> None:
         recorder = self.recorder
         limit = MAX_GRABS if recorder is None else 1
         if len(self._held) >= limit or message.id in self._held or (recorder is not None and recorder.replaying):
@@ -261,7 +262,7 @@ class Session:
         if held is not None and self.recorder is not None:
             self.recorder.release()
 
-    def _condition(self, gravity: protocol.Vector, stiffness: float) -> None:
+    def _condition(self, gravity: protocol.Place, stiffness: float) -> None:
         if self.recorder is not None and (self.recorder.recording or self.recorder.replaying):
             raise LdsimError("gravity and stiffness stay as they are in a recording; its file does not hold them")
         self.look.gravity, self.look.stiffness = gravity, stiffness

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full.stepper import FullState, FullStepper, run
 from ldsim.errors import MotionError
-from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator
 from ldsim.viewer.recorder import Recorder
