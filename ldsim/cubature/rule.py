@@ -83,5 +83,5 @@ def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
         part = points[start : start + 4096]
         maps[start : start + 4096] = np.einsum(
             "saik,saj->sijk", nodal[scene.points.nodes[part]], scene.points.gradients[part], optimize=True
-        ).reshape(-1, 9, k)
+        ).reshape(len(part), 9, k)
     return maps
