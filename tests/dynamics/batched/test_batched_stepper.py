@@ -13,19 +13,24 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ldsim.cubature.rule import CubatureRule
-from ldsim.dynamics.batched import BatchedState, BatchedStepper, Conditions
+from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
 from ldsim.dynamics.batched.newton import newton_direction
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
-from ldsim.errors import SolverError
-from ldsim.mechanics.loads import Grab
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.errors import MotionError, SolverError
+from ldsim.mechanics.loads import Grab, Loads, MovedPins
 from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
+from ldsim.space.lifting import Lifting
 from ldsim.space.pca import orthonormalised
-from tests.helpers import derivative_order, scene
+from ldsim.space.space import Space
+from tests.helpers import derivative_order, reduced_space, scene
 
 Array = NDArray[np.float64]
 
@@ -63,26 +68,27 @@ CASES = {f"{material} elu": (material, DECODERS["elu"]) for material in MATERIAL
 CASES |= {f"neo_hookean {name}": ("neo_hookean", decoder) for name, decoder in DECODERS.items()}
 
 
-def ingredients(some: Scene, decoder: Decoder) -> tuple[Scene, Array, Decoder, CubatureRule]:
-    return some, basis(some), decoder, CubatureRule.every(some)
-
-
 def batched(some: Scene, decoder: Decoder, **options: object) -> BatchedStepper:
-    return BatchedStepper(*ingredients(some, decoder), **options)  # type: ignore[arg-type]
+    return BatchedStepper(reduced_space(some, basis(some), decoder), **options)  # type: ignore[arg-type]
 
 
-def pulls(some: Scene, seed: int) -> list[Grab]:
+def serial(space: Space, tolerance: float = 1e-9) -> ReducedStepper:
+    return ReducedStepper(space, ReducedOptions(tolerance=tolerance, max_iterations=500))
+
+
+def pulls(some: Scene, seed: int) -> Loads:
     """One or two grabs of the free end."""
     rng = np.random.default_rng(seed)
     tips = np.argsort(some.mesh.vertices[:, 0])[-4:]
     chosen = [tips, tips[:2]][: 1 + seed % 2]
-    return [Grab(v, some.mesh.vertices[v].mean(axis=0) + 0.06 * rng.normal(size=3), 20.0 + 30 * seed) for v in chosen]
+    rest = some.mesh.vertices
+    return Loads(tuple(Grab(v, rest[v].mean(axis=0) + 0.06 * rng.normal(size=3), 20.0 + 30 * seed) for v in chosen))
 
 
-def march(stepper: BatchedStepper, conditions: Conditions, frames: int) -> BatchedState:
-    state = stepper.at_rest(len(conditions.mu))
+def march(stepper: BatchedStepper, loads: BatchedLoads, frames: int) -> BatchedState:
+    state = stepper.rest(len(loads.mu))
     for _ in range(frames):
-        state, solution = stepper.step(state, conditions)
+        state, solution = stepper.step(state, loads)
         assert solution.converged.all()
     return state
 
@@ -92,14 +98,14 @@ def march(stepper: BatchedStepper, conditions: Conditions, frames: int) -> Batch
 def test_fifty_frames_of_different_grabs_are_those_of_the_serial_stepper(
     material: str, decoder: Decoder, device: str
 ) -> None:
-    grabs = [pulls(body(material), seed) for seed in range(3)]
+    several = [pulls(body(material), seed) for seed in range(3)]
     stepper = batched(body(material), decoder, tolerance=1e-9, device=device, piece=2)
-    state = march(stepper, stepper.conditions(grabs), 50)
-    serial = ReducedStepper(*ingredients(body(material), decoder), tolerance=1e-9, current=True)
-    for i, some in enumerate(grabs):
-        expected = ReducedState.at_rest(decoder)
+    state = march(stepper, stepper.loads(several), 50)
+    alone = serial(stepper.space)
+    for i, some in enumerate(several):
+        expected = alone.rest()
         for _ in range(50):
-            expected, solution = serial.step(expected, some)
+            expected, solution = alone.step(expected, some)
             assert solution.converged
         np.testing.assert_allclose(state.serial(i).q, expected.q, atol=1e-8)
 
@@ -111,25 +117,25 @@ def test_virtual_points_of_several_materials_are_those_of_the_serial_stepper() -
     every = CubatureRule.every(mixed)
     maps = every.strain_maps(mixed, basis(plain))
     virtual = replace(every, maps=maps * rng.uniform(0.9, 1.1, maps.shape))
-    grabs = pulls(plain, 1)
-    stepper = BatchedStepper(mixed, basis(plain), curved(), virtual, tolerance=1e-9)
-    state = march(stepper, stepper.conditions([grabs]), 20)
-    serial, on_mesh = (ReducedStepper(mixed, basis(plain), curved(), some, tolerance=1e-9) for some in (virtual, every))
-    expected, other = ReducedState.at_rest(curved()), ReducedState.at_rest(curved())
+    pulled, space = pulls(plain, 1), reduced_space(mixed, basis(plain), curved(), virtual)
+    stepper = BatchedStepper(space, tolerance=1e-9)
+    state = march(stepper, stepper.loads([pulled]), 20)
+    alone, on_mesh = serial(space), serial(space.with_rule(every))
+    expected, other = alone.rest(), on_mesh.rest()
     for _ in range(20):
-        expected, _ = serial.step(expected, grabs)
-        other, _ = on_mesh.step(other, grabs)
+        expected, _ = alone.step(expected, pulled)
+        other, _ = on_mesh.step(other, pulled)
     np.testing.assert_allclose(state.serial(0).q, expected.q, atol=1e-8)
     assert np.abs(other.q - expected.q).max() > 1e-5
 
 
 def test_single_precision_follows_double_precision() -> None:
-    grabs = [pulls(body(), seed) for seed in range(3)]
+    several = [pulls(body(), seed) for seed in range(3)]
     fine, coarse = batched(body(), curved()), batched(body(), curved(), dtype=torch.float32, tolerance=1e-4)
-    expected = march(fine, fine.conditions(grabs), 20).q
-    found = coarse.at_rest(3)
+    expected = march(fine, fine.loads(several), 20).q
+    found = coarse.rest(3)
     for _ in range(20):
-        found, _ = coarse.step(found, coarse.conditions(grabs))
+        found, _ = coarse.step(found, coarse.loads(several))
     assert found.q.dtype == torch.float32
     np.testing.assert_allclose(found.q, expected, atol=1e-3 * float(expected.abs().max()))
 
@@ -138,49 +144,50 @@ def test_a_softer_material_and_another_gravity_are_those_of_another_scene() -> N
     plain = scene(beam(resolution=1), youngs_modulus=1.5e4, gravity=(0.0, 0.0, 4.0))
     other = replace(plain, load=body().load)
     reference, stepper = batched(other, curved()), batched(body(), curved())
-    conditions = stepper.conditions([pulls(body(), 1)])
-    changed = conditions._replace(mu=conditions.mu / 2, lam=conditions.lam / 2, gravity=stepper.tensor([[0, 0, 4.0]]))
-    expected = march(reference, reference.conditions([pulls(body(), 1)]), 10)
+    loads = stepper.loads([pulls(body(), 1)])
+    changed = loads._replace(mu=loads.mu / 2, lam=loads.lam / 2, gravity=stepper.tensor([[0, 0, 4.0]]))
+    expected = march(reference, reference.loads([pulls(body(), 1)]), 10)
     np.testing.assert_allclose(march(stepper, changed, 10).q, expected.q, atol=1e-8)
 
 
 def test_a_dead_load_pulls_as_it_does_in_the_serial_stepper() -> None:
     loaded = replace(body(), load=np.tile([0.0, 0.5, 0.2], (body().mesh.n_vertices, 1)))
-    serial, stepper = ReducedStepper(*ingredients(loaded, curved()), tolerance=1e-9), batched(loaded, curved())
-    expected = ReducedState.at_rest(curved())
+    stepper = batched(loaded, curved())
+    alone = serial(stepper.space)
+    expected = alone.rest()
     for _ in range(5):
-        expected, _ = serial.step(expected, [])
-    found = march(stepper, stepper.conditions([[]]), 5)
+        expected, _ = alone.step(expected, Loads())
+    found = march(stepper, stepper.loads([Loads()]), 5)
     np.testing.assert_allclose(found.q[0], expected.q, atol=1e-8)
     unloaded = batched(body(), curved())
-    assert not np.allclose(march(unloaded, unloaded.conditions([[]]), 5).q[0], expected.q, atol=1e-4)
+    assert not np.allclose(march(unloaded, unloaded.loads([Loads()]), 5).q[0], expected.q, atol=1e-4)
 
 
 @pytest.mark.parametrize("piece", [None, 2], ids=["in one piece", "in pieces"])
 def test_an_instance_moves_as_it_does_alone(piece: int | None) -> None:
     stepper = batched(body(), curved(), piece=piece)
-    conditions = stepper.conditions([pulls(body(), seed) for seed in range(5)])
-    together = march(stepper, conditions, 10)
+    loads = stepper.loads([pulls(body(), seed) for seed in range(5)])
+    together = march(stepper, loads, 10)
     for i in range(5):
-        alone = march(stepper, conditions.of(slice(i, i + 1)), 10)
+        alone = march(stepper, loads.of(slice(i, i + 1)), 10)
         np.testing.assert_allclose(together.z[i], alone.z[0], rtol=0, atol=1e-9)
 
 
 def test_a_lost_instance_is_reported_and_spoils_neither_the_others_nor_their_gradients() -> None:
     stepper = batched(body(), Decoder.identity(K))
-    conditions = stepper.conditions([pulls(body(), seed) for seed in range(3)])
-    healthy = march(stepper, conditions, 3)
+    loads = stepper.loads([pulls(body(), seed) for seed in range(3)])
+    healthy = march(stepper, loads, 3)
     inverted = 1e3 * torch.ones(K, dtype=torch.float64)
     states = [healthy.serial(0), ReducedState.moving(*[inverted.numpy()] * 4), healthy.serial(2)]
     factor = torch.ones((), dtype=torch.float64, requires_grad=True)
-    state, solution = stepper.step(stepper.state(states), conditions._replace(mu=conditions.mu * factor))
+    state, solution = stepper.step(stepper.state(states), loads._replace(mu=loads.mu * factor))
     assert solution.lost.tolist() == [1]
     assert solution.reason.tolist() == [Reason.CONVERGED, Reason.INFINITE_START, Reason.CONVERGED]
     np.testing.assert_array_equal(state.q[1].detach(), inverted)
     state.q.sum().backward()
     alone = torch.ones((), dtype=torch.float64, requires_grad=True)
     kept = torch.tensor([0, 2])
-    some, _ = stepper.step(healthy.of(kept), conditions.of(kept)._replace(mu=conditions.mu[kept] * alone))
+    some, _ = stepper.step(healthy.of(kept), loads.of(kept)._replace(mu=loads.mu[kept] * alone))
     some.q.sum().backward()
     np.testing.assert_allclose(state.q[kept].detach(), some.q.detach(), atol=1e-9)
     assert float(factor.grad) == pytest.approx(float(alone.grad), rel=1e-6)
@@ -188,18 +195,18 @@ def test_a_lost_instance_is_reported_and_spoils_neither_the_others_nor_their_gra
 
 def test_no_step_raises_the_potential_of_its_start() -> None:
     stepper = batched(body(), curved(), max_iterations=1)
-    conditions = stepper.conditions([pulls(body(), seed) for seed in range(6)])
-    state = stepper.at_rest(6)
+    loads = stepper.loads([pulls(body(), seed) for seed in range(6)])
+    state = stepper.rest(6)
     for _ in range(5):
         predictor, start = 2 * state.q - state.q_previous, 2 * state.z - state.z_previous
-        before, _ = stepper.model.value_gradient(conditions, predictor, start)
-        state, solution = stepper.step(state, conditions)
+        before, _ = stepper.model.value_gradient(loads, predictor, start)
+        state, solution = stepper.step(state, loads)
         assert (solution.value <= before).all()
 
 
 def test_iterations_that_run_out_are_reported() -> None:
     stepper = batched(body(), curved(), max_iterations=1)
-    _, solution = stepper.step(stepper.at_rest(1), stepper.conditions([pulls(body(), 1)]))
+    _, solution = stepper.step(stepper.rest(1), stepper.loads([pulls(body(), 1)]))
     assert solution.reason.tolist() == [Reason.ITERATIONS_SPENT]
     assert solution.iterations.tolist() == [1]
 
@@ -215,28 +222,28 @@ def test_where_the_hessian_is_not_positive_the_direction_still_leads_down() -> N
 @pytest.mark.parametrize(("material", "decoder"), CASES.values(), ids=CASES)
 def test_the_hessian_is_the_derivative_of_the_gradient(material: str, decoder: Decoder) -> None:
     stepper = batched(body(material), decoder)
-    conditions = stepper.conditions([pulls(body(material), 1)])
+    loads = stepper.loads([pulls(body(material), 1)])
     rng = np.random.default_rng(5)
     z, d, ahead = 0.02 * rng.normal(size=decoder.r), 0.02 * rng.normal(size=decoder.r), torch.zeros(1, K).double()
 
     def gradient(x: Array) -> Array:
-        return stepper.model.value_gradient(conditions, ahead, torch.tensor(x)[None])[1][0].numpy()
+        return stepper.model.value_gradient(loads, ahead, torch.tensor(x)[None])[1][0].numpy()
 
     def along(x: Array) -> Array:
-        return stepper.model.hessian(conditions, ahead, torch.tensor(x)[None])[0].numpy() @ d
+        return stepper.model.hessian(loads, ahead, torch.tensor(x)[None])[0].numpy() @ d
 
     assert derivative_order(gradient, along, z, d) > 1.9
 
 
-def _loss_of_three_steps(stepper: BatchedStepper, base: Conditions, start: BatchedState) -> Callable[..., Tensor]:
+def _loss_of_three_steps(stepper: BatchedStepper, base: BatchedLoads, start: BatchedState) -> Callable[..., Tensor]:
     """A loss of the state after three steps as a function of all that a gradient may flow to."""
 
     def loss(q: Tensor, q_previous: Tensor, *values: Tensor) -> Tensor:
         names = ("target", "stiffness", "gravity", "mu", "lam")
-        conditions = base._replace(**dict(zip(names, values, strict=True)))
-        state = BatchedState(start.z, start.z_previous, q, q_previous)
+        loads = base._replace(**dict(zip(names, values, strict=True)))
+        state = replace(start, q=q, q_previous=q_previous)
         for _ in range(3):
-            state, solution = stepper.step(state, conditions)
+            state, solution = stepper.step(state, loads)
             assert solution.converged.all()
         return (state.z**2).sum() + state.q.sum() + stepper.displacement(state, np.array([5])).sum()
 
@@ -246,7 +253,7 @@ def _loss_of_three_steps(stepper: BatchedStepper, base: Conditions, start: Batch
 @pytest.mark.parametrize(("material", "decoder"), CASES.values(), ids=CASES)
 def test_gradients_through_three_steps_are_finite_differences(material: str, decoder: Decoder) -> None:
     stepper = batched(body(material), decoder, tolerance=1e-12)
-    base = stepper.conditions([pulls(body(material), 1), pulls(body(material), 2)])
+    base = stepper.loads([pulls(body(material), 1), pulls(body(material), 2)])
     start = march(batched(body(material), decoder), base, 2)
     inputs = (start.q, start.q_previous, base.target, base.stiffness, base.gravity, base.mu, base.lam)
     inputs = tuple(value.clone().requires_grad_() for value in inputs)
@@ -254,23 +261,98 @@ def test_gradients_through_three_steps_are_finite_differences(material: str, dec
     assert torch.autograd.gradcheck(loss, inputs, eps=1e-5, atol=1e-5, rtol=1e-4, fast_mode=True)
 
 
+@cache
+def of_cells(cell_type: str) -> Scene:
+    return scene(beam(resolution=1, cell_type=cell_type), youngs_modulus=3e4)
+
+
+def shaken(some: Scene, frames: int, seed: int) -> Motion:
+    """All pins carried and turned along a crooked path."""
+    turns = np.random.default_rng(seed).normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003]
+    return Motion("shaken", frames, supports=(Support(np.flatnonzero(some.pinned), np.eye(3, 4) + turns.cumsum(0)),))
+
+
+def movable(some: Scene, decoder: Decoder) -> Space:
+    """A space that is prepared for pins that move."""
+    lifting = Lifting.of(some, [shaken(some, 1, 0)])
+    return reduced_space(some, basis(some), decoder, lifting=lifting)
+
+
+def moved(some: Scene, frames: int, seed: int) -> list[Loads]:
+    """A pull, a gravity that turns, and pins that move, frame by frame."""
+    motion, pulled = shaken(some, frames, seed), pulls(some, seed)
+    swing = [np.array([3.0 * np.sin(frame + seed), -9.81, 2.0]) for frame in range(frames)]
+    places = [[MovedPins(each.vertices, each.maps[frame]) for each in motion.supports] for frame in range(frames)]
+    return [pulled._replace(gravity=g, pins=tuple(pins)) for g, pins in zip(swing, places, strict=True)]
+
+
+@pytest.mark.parametrize("decoder", [Decoder.identity(K), curved()], ids=["linear", "latent"])
+@pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
+def test_pins_that_move_are_followed_as_by_the_serial_stepper(cell_type: str, decoder: Decoder) -> None:
+    some = of_cells(cell_type)
+    space, tips = movable(some, decoder), np.argsort(some.mesh.vertices[:, 0])[-4:]
+    stepper, alone = BatchedStepper(space, tolerance=1e-9), serial(space)
+    tracks = [moved(some, 12, 1), moved(some, 12, 2), [pulls(some, 3)] * 12]
+    state, expected = stepper.rest(3), [alone.rest() for _ in tracks]
+    for now in zip(*tracks, strict=True):
+        state, solution = stepper.step(state, stepper.loads(now))
+        assert solution.converged.all()
+        expected = [alone.step(before, loads)[0] for before, loads in zip(expected, now, strict=True)]
+        u = stepper.displacement(state, tips)
+        for i, one in enumerate(expected):
+            np.testing.assert_allclose(state.q[i], one.q, atol=1e-8)
+            np.testing.assert_allclose(u[i], alone.displacement(one)[tips], atol=1e-8)
+    assert float(state.a[:2].abs().amax()) > 0.01 and not state.a[2].any()
+    # a batch that is taken apart and put together again goes on as it did
+    again = stepper.state([state.serial(i) for i in range(3)])
+    now = stepper.loads([track[-1] for track in tracks])
+    np.testing.assert_allclose(stepper.step(again, now)[0].q, stepper.step(state, now)[0].q, atol=1e-9)
+
+
+@pytest.mark.parametrize("decoder", [Decoder.identity(K), curved()], ids=["linear", "latent"])
+def test_gradients_flow_where_pins_move(decoder: Decoder) -> None:
+    some = of_cells("tet4")
+    stepper = BatchedStepper(movable(some, decoder), tolerance=1e-12)
+    frames = [stepper.loads(now) for now in zip(moved(some, 3, 1), moved(some, 3, 2), strict=True)]
+    start, _ = stepper.step(stepper.rest(2), frames[0])
+    first = frames[1]
+    inputs = (start.q, start.a, first.a, first.target, first.gravity, first.mu, first.lam)
+    inputs = tuple(value.clone().requires_grad_() for value in inputs)
+
+    def loss(q: Tensor, before: Tensor, a: Tensor, *values: Tensor) -> Tensor:
+        state = replace(start, q=q, a=before)
+        shared = dict(zip(("gravity", "mu", "lam"), values[1:], strict=True))
+        for loads in (first._replace(a=a, target=values[0]), frames[2]):
+            state, solution = stepper.step(state, loads._replace(**shared))
+            assert solution.converged.all()
+        return (state.z**2).sum() + state.q.sum() + stepper.displacement(state, np.array([5])).sum()
+
+    assert torch.autograd.gradcheck(loss, inputs, eps=1e-5, atol=1e-5, rtol=1e-4)
+
+
+def test_pins_that_the_space_was_not_prepared_for_are_refused() -> None:
+    pins = MovedPins(np.flatnonzero(body().pinned), np.eye(3, 4))
+    with pytest.raises(MotionError, match="pins move, the first at vertex .*; this space was not prepared for them"):
+        batched(body(), curved()).loads([Loads(pins=(pins,))])
+
+
 def test_every_single_derivative_of_a_step_is_a_finite_difference() -> None:
     stepper = batched(body(), curved(), tolerance=1e-12)
-    base = stepper.conditions([pulls(body(), 1)])
+    base = stepper.loads([pulls(body(), 1)])
     start = march(stepper, base, 2)
     inputs = (start.q, base.target, base.stiffness, base.gravity, base.mu, base.lam)
     inputs = tuple(value.clone().requires_grad_() for value in inputs)
 
     def after(q: Tensor, *values: Tensor) -> Tensor:
-        conditions = base._replace(**dict(zip(("target", "stiffness", "gravity", "mu", "lam"), values, strict=True)))
-        return stepper.step(BatchedState(start.z, start.z_previous, q, start.q_previous), conditions)[0].q
+        loads = base._replace(**dict(zip(("target", "stiffness", "gravity", "mu", "lam"), values, strict=True)))
+        return stepper.step(replace(start, q=q), loads)[0].q
 
     assert torch.autograd.gradcheck(after, inputs, eps=1e-5, atol=1e-6, rtol=1e-4)
 
 
 def test_a_state_comes_back_from_the_batch_as_it_went_in() -> None:
     stepper = batched(body(), curved())
-    state = march(stepper, stepper.conditions([pulls(body(), 1), pulls(body(), 2)]), 3)
+    state = march(stepper, stepper.loads([pulls(body(), 1), pulls(body(), 2)]), 3)
     again = stepper.state([state.serial(i) for i in range(2)])
     for entry in fields(BatchedState):
         np.testing.assert_array_equal(getattr(again, entry.name), getattr(state, entry.name))

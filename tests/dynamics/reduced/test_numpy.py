@@ -12,19 +12,21 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
-from ldsim.mechanics.loads import Grab
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.materials import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
 from tests.dynamics.reduced.test_stepper import some_basis
-from tests.helpers import scene
+from tests.helpers import reduced_space, scene
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 K, R = 6, 3
 FRAMES = 12
+OPTIONS = ReducedOptions(tolerance=1e-8, max_iterations=500)
 MU, LAM = lame_parameters(3e4, 0.4)
 
 
@@ -65,9 +67,8 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
     w = rng.uniform(0.5, 2, 7) * body.points.weights.sum() / 7
     U = some_basis(body, K)
     W1, W2, b1, A = rng.normal(size=(R, 5)), 0.05 * rng.normal(size=(5, K)), rng.normal(size=5), np.eye(R, K)
-    compiled = ReducedStepper(
-        body, U, Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A), CubatureRule(points, w, 0.0)
-    )
+    decoder = Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A)
+    compiled = ReducedStepper(reduced_space(body, U, decoder, CubatureRule(points, w, 0.0)), OPTIONS)
 
     def elu(x: Complex) -> Complex:
         return np.where(x.real > 0, x, np.exp(x) - 1)
@@ -83,7 +84,7 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
     tip = np.argsort(body.mesh.vertices[:, 0])[-4:]
     grab = Grab(tip, body.mesh.vertices[tip].mean(axis=0) + [0, 0.03, 0.02], 40.0)
 
-    def potential(z: Complex, predictor: Array, grabs: list[Grab]) -> Complex:
+    def potential(z: Complex, predictor: Array, grabs: tuple[Grab, ...]) -> Complex:
         q = phi(z)
         moved = (nodal @ q)[body.mesh.cells[points]]
         deformed = np.swapaxes(moved[:, 1:] - moved[:, :1], 1, 2) + edges
@@ -97,13 +98,13 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
             value = value + held.stiffness / 2 * away @ away
         return value
 
-    state = ReducedState.at_rest(compiled.decoder)
+    state = compiled.rest()
     z, q, before = np.zeros(R), np.zeros(K), np.zeros(K)
     for frame in range(FRAMES):
-        grabs = [grab] if frame < FRAMES // 2 else []
+        grabs = (grab,) if frame < FRAMES // 2 else ()
         predictor = 2 * q - before
         z = minimum(lambda z, p=predictor, g=grabs: potential(z, p, g), z)
         q, before = phi(z + 0j).real, q
-        state, _ = compiled.step(state, grabs)
+        state, _ = compiled.step(state, Loads(grabs))
         np.testing.assert_allclose(state.z, z, rtol=0, atol=1e-8 * max(np.linalg.norm(z), 1))
     assert np.linalg.norm(z) > 1e-3

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from skfem.models.elasticity import linear_elasticity
 
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
@@ -26,7 +27,7 @@ SKFEM_HEX = [0, 3, 4, 1, 7, 2, 5, 6]
 def equilibrium(body: Scene) -> Array:
     """The equilibrium from rest, (n, 3) metres."""
     stepper = FullStepper(body, FullOptions(tolerance=1e-10, method="newton", quasistatic=True))
-    state, solution = stepper.step(FullState.at_rest(body.mesh.n_vertices), [])
+    state, solution = stepper.step(stepper.rest(), Loads())
     assert solution.converged, solution.reason.words
     return state.u
 
