@@ -18,7 +18,8 @@ from results_file import write_results
 from tqdm import trange
 
 from ldsim.jit import one_thread
-from ldsim.simulator import SPACES, Handle, Simulator, load
+from ldsim.run import SPACES
+from ldsim.simulator import Handle, Simulator, load
 from ldsim.simulator.simulator import BOUND
 
 STEPS, QUICK = 100_000, 5_000

@@ -79,6 +79,8 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
 
 
 def header(folder: Path, kind: str, **notes: str) -> Header:
-    """A header with the hashes of everything written before."""
-    inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGE_OF if (folder / f"{name}.h5").is_file()}
+    """A header with the hashes of everything that earlier stages have written."""
+    kinds = list(STAGE_OF)
+    earlier = [name for name in kinds[: kinds.index(kind)] if (folder / f"{name}.h5").is_file()]
+    inputs = {name: file_hash(folder / f"{name}.h5") for name in earlier}
     return Header(kind, "", inputs, 0, {"experiment": "playable", "stage": STAGE_OF[kind], **notes})

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.rule import CubatureRule
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
-from ldsim.dynamics.spaces import Dynamics, FullDynamics, ReducedDynamics
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.loads import Grab, Loads, MovedPins
+from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.space.decoder import Decoder
+from ldsim.space.lifting import Lifting
 from reproduction.bench.soak import soak
+from tests.helpers import reduced_space
 from tests.simulator.playable import curved_decoder, modes, solid
 
 Array = NDArray[np.float64]
@@ -28,12 +34,16 @@ TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
 UP = np.array([0.0, 0.05, 0.02])
 
 
-def reduced(body: Scene = BODY, decoder: Decoder | None = None, U: Array | None = None, **options: float) -> Simulator:
+def reduced(
+    body: Scene = BODY,
+    decoder: Decoder | None = None,
+    U: Array | None = None,
+    lifting: Lifting | None = None,
+    **options: float,
+) -> Simulator:
     decoder = curved_decoder() if decoder is None else decoder
-    U = modes(body) if U is None else U
-    every = np.arange(body.points.n_points)
-    stepper = ReducedStepper(body, U, decoder, CubatureRule.every(body), tolerance=1e-9)
-    return Simulator(body, ReducedDynamics(body, stepper), "latent", basis=U, points=every, **options)
+    space = reduced_space(body, modes(body) if U is None else U, decoder, lifting=lifting)
+    return Simulator(space, ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500)), **options)
 
 
 def every_kind(body: Scene = BODY) -> list[Simulator]:
@@ -111,7 +121,7 @@ def test_a_restored_state_continues_as_it_did(kind: int) -> None:
 
 def test_what_is_restored_must_be_of_this_space_and_sane() -> None:
     latent, linear, full = every_kind()
-    with pytest.raises(SolverError, match="of another space than latent"):
+    with pytest.raises(SolverError, match="of another space than reduced"):
         latent.restore(full.save())
     with pytest.raises(SolverError, match="has coordinates"):
         latent.restore(reduced(U=modes(BODY, 6), decoder=curved_decoder(6)).save())
@@ -138,20 +148,18 @@ def test_a_step_out_of_bounds_is_not_taken_and_told() -> None:
     assert not simulator.displacement().any() and simulator.last is None and simulator.counts[Outcome.HELD] == 0
 
 
-class Reluctant(Dynamics[ReducedState]):
+class Reluctant(Stepper[ReducedState]):
     """Ends its first steps for the given reasons before it goes on as another."""
 
-    def __init__(self, other: Dynamics[ReducedState], reasons: list[Reason]) -> None:
+    def __init__(self, other: ReducedStepper, reasons: list[Reason]) -> None:
         self._other, self._reasons = other, reasons
-        self.at_rest, self.still, self.renewed = other.at_rest, other.still, other.renewed  # type: ignore[method-assign]
+        self.rest, self.stiffened = other.rest, other.stiffened  # type: ignore[method-assign, assignment]
         self.coordinates, self.displacement = other.coordinates, other.displacement  # type: ignore[method-assign]
-        self.extent, self.change = other.extent, other.change  # type: ignore[method-assign]
+        self.extent = other.extent  # type: ignore[method-assign]
 
-    def step(self, state: ReducedState, grabs: Sequence[Grab]) -> tuple[ReducedState, Solution]:
-        advanced, solution = self._other.step(state, grabs)
+    def step(self, state: ReducedState, loads: Loads) -> tuple[ReducedState, Solution]:
+        advanced, solution = self._other.step(state, loads)
         return advanced, solution._replace(reason=self._reasons.pop(0)) if self._reasons else solution
-
-    at_rest = still = renewed = coordinates = displacement = extent = change = None  # type: ignore[assignment]
 
 
 @pytest.mark.parametrize(
@@ -165,8 +173,9 @@ class Reluctant(Dynamics[ReducedState]):
     ],
 )
 def test_a_step_that_fails_is_tried_again_before_it_is_given_up(reasons: list[Reason], outcome: Outcome) -> None:
-    plain = reduced()
-    simulator = Simulator(BODY, Reluctant(plain._dynamics, reasons), "latent")
+    space = reduced_space(BODY, modes(BODY), curved_decoder())
+    stepper = ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500))
+    simulator = Simulator(space, Reluctant(stepper, reasons))
     record = simulator.step()
     assert record.outcome == outcome
     assert (record.message == "") == (outcome == Outcome.SOLVED)
@@ -242,7 +251,94 @@ def test_the_surface_is_closed_and_looks_outward() -> None:
     np.testing.assert_array_equal(surface.rest, BODY.mesh.vertices[surface.vertices])
 
 
-def test_full_dynamics_tell_how_far_the_solid_is() -> None:
-    dynamics = FullDynamics(BODY, 1e-6)
-    state = replace(dynamics.at_rest(), u=np.full((BODY.mesh.n_vertices, 3), 0.1))
-    np.testing.assert_allclose(dynamics.extent(state), np.sqrt(0.03), rtol=1e-12)
+def test_the_full_stepper_tells_how_far_the_solid_is() -> None:
+    stepper = FullStepper(BODY)
+    state = replace(stepper.rest(), u=np.full((BODY.mesh.n_vertices, 3), 0.1))
+    np.testing.assert_allclose(stepper.extent(state), np.sqrt(0.03), rtol=1e-12)
+
+
+def path(frames: int) -> list[tuple[MovedPins, ...]]:
+    """Where the pins are, frame by frame: all of them carried and turned along a crooked path."""
+    turns = np.random.default_rng(6).normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003]
+    return [(MovedPins(np.flatnonzero(BODY.pinned), map),) for map in np.eye(3, 4) + np.cumsum(turns, axis=0)]
+
+
+def with_moving_pins() -> list[tuple[Simulator, Stepper[Any]]]:
+    """A simulator of each kind whose pins can move, and a stepper like its own."""
+    support = Support(np.flatnonzero(BODY.pinned), np.eye(3, 4)[None])
+    lifting = Lifting.of(BODY, [Motion("moving", 1, supports=(support,))])
+    found: list[tuple[Simulator, Stepper[Any]]] = []
+    for decoder in (curved_decoder(), Decoder.identity(9)):
+        simulator = reduced(decoder=decoder, lifting=lifting)
+        alone = ReducedStepper(simulator.space, ReducedOptions(tolerance=1e-9, max_iterations=500))
+        found.append((simulator, alone))
+    return [*found, (full_simulator(BODY, 1e-9), FullStepper(BODY, FullOptions(tolerance=1e-9)))]
+
+
+@kinds
+def test_pins_that_are_moved_are_those_of_the_loads_of_a_step(kind: int) -> None:
+    simulator, stepper = with_moving_pins()[kind]
+    handle = simulator.grab(TIP, TIP + UP, stiffness=40, at_rest=True)
+    grabs, state = (Grab(handle.vertices, handle.target, 40.0),), stepper.rest()
+    for pins in path(6):
+        simulator.set_pins(pins)
+        assert simulator.step().outcome == Outcome.SOLVED
+        state, _ = stepper.step(state, Loads(grabs, pins=pins))
+        u = simulator.displacement()
+        np.testing.assert_allclose(u, stepper.displacement(state), atol=1e-10)
+        np.testing.assert_allclose(simulator.coordinates, stepper.coordinates(state), atol=1e-9)
+        np.testing.assert_allclose(u[BODY.pinned], pins[0].displacement(BODY.mesh.vertices), atol=1e-12)
+        np.testing.assert_allclose(handle.centroid, (BODY.mesh.vertices + u)[handle.vertices].mean(axis=0), atol=1e-12)
+    assert np.abs(u[BODY.pinned]).max() > 0.005
+
+
+@kinds
+def test_pins_stay_where_they_were_put_until_reset_brings_them_back(kind: int) -> None:
+    simulator, _ = with_moving_pins()[kind]
+    simulator.step(3)
+    expected = simulator.displacement()
+    simulator.reset()
+    (pins,) = path(1)
+    simulator.set_pins(pins)
+    simulator.step(4)
+    held = simulator.displacement()[BODY.pinned]
+    np.testing.assert_allclose(held, pins[0].displacement(BODY.mesh.vertices), atol=1e-12)
+    simulator.reset()
+    assert not simulator.displacement().any()
+    simulator.step(3)
+    np.testing.assert_array_equal(simulator.displacement(), expected)
+    assert not expected[BODY.pinned].any()
+
+
+@kinds
+def test_a_saved_state_keeps_where_the_pins_are_and_how_fast_they_move(kind: int) -> None:
+    simulator, _ = with_moving_pins()[kind]
+    *before, last = path(4)
+    for pins in before:
+        simulator.set_pins(pins)
+        simulator.step()
+    simulator.set_pins(last)
+    saved = simulator.save()
+    simulator.step(3)
+    expected = simulator.displacement()
+    simulator.set_pins(())
+    simulator.step(2)
+    assert not simulator.displacement()[BODY.pinned].any()
+    for _ in range(2):
+        simulator.restore(saved)
+        simulator.step(3)
+        np.testing.assert_allclose(simulator.displacement(), expected, atol=1e-10)
+        simulator.reset()
+
+
+def test_pins_that_a_space_was_not_prepared_for_are_refused_and_the_state_kept() -> None:
+    simulator = reduced()
+    simulator.step(2)
+    before = simulator.displacement()
+    (pins,) = path(1)
+    simulator.set_pins(pins)
+    with pytest.raises(MotionError, match="pins move; the reduced space has no lifting for them"):
+        simulator.step()
+    np.testing.assert_array_equal(simulator.displacement(), before)
+    simulator.set_pins(())
+    assert simulator.step().outcome == Outcome.SOLVED
