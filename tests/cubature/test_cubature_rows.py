@@ -13,6 +13,7 @@ from ldsim.cubature.goal import Goal
 from ldsim.cubature.metric import rest_compliance
 from ldsim.cubature.rows import Energies, ForceChanges
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from tests.cubature.cubature_problems import (
     Problem,
@@ -127,7 +128,7 @@ def test_fitting_tangents_and_energies_too_lowers_their_error(case: Problem, cha
 
 
 def test_the_rest_compliance_inverts_the_mean_stiffness_of_the_latent_space(case: Problem) -> None:
-    stiffness = reduced_rest_stiffness(case.scene, case.U)
+    stiffness = reduced_rest_stiffness(case.scene, Basis.of(case.U, case.scene.mass))
     W = rest_compliance(stiffness, case.decoder, case.z)
     mean = np.mean([J.T @ stiffness @ J for J in map(case.decoder.jacobian, case.z)], axis=0)
     assert np.allclose(W @ W.T @ mean, np.eye(4), atol=1e-8)
@@ -137,11 +138,11 @@ def test_in_the_compliance_norm_a_change_of_latent_units_changes_nothing() -> No
     case = latent_problem(beam_scene((4, 2, 2), "tet4"), r=4, k=9, count=POSES)
     linear = Decoder.identity(9)
     q = case.decoder(case.z)
-    stiffness = reduced_rest_stiffness(case.scene, case.U)
+    stiffness = reduced_rest_stiffness(case.scene, Basis.of(case.U, case.scene.mass))
     turn = np.linalg.qr(np.random.default_rng(9).standard_normal((9, 9)))[0] * np.logspace(-1, 1, 9)
     turned = case.U @ np.linalg.inv(turn).T
     one = ProjectedForces(case.scene, case.U, linear, q, metric=rest_compliance(stiffness, linear, q))
-    other_stiffness = reduced_rest_stiffness(case.scene, turned)
+    other_stiffness = reduced_rest_stiffness(case.scene, Basis.of(turned, case.scene.mass))
     metric = rest_compliance(other_stiffness, linear, q @ turn)
     other = ProjectedForces(case.scene, turned, linear, q @ turn, metric=metric)
     points = np.arange(one.n_points)

@@ -13,6 +13,7 @@ from ldsim.cubature.ladder import relative_errors
 from ldsim.cubature.selection import PoseSpace, Recipe, perturb, select, split_poses
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.errors import SolverError
+from ldsim.space.basis import Basis
 from tests.cubature.cubature_problems import beam_scene, latent_problem
 
 RECIPE = Recipe(Goal(0.1, 60), threads=1)
@@ -23,7 +24,8 @@ FITTED, KEPT_BACK = np.arange(0, 30), np.arange(30, 50)
 def space() -> PoseSpace:
     p = latent_problem(beam_scene((6, 2, 2), "tet4"), r=4, k=9, count=50)
     poses = (p.decoder(p.z) @ p.U.T).reshape(50, -1, 3)
-    return PoseSpace(p.scene, p.U, p.decoder, reduced_rest_stiffness(p.scene, p.U), p.z, lambda t: 1.02 * poses[t])
+    stiffness = reduced_rest_stiffness(p.scene, Basis.of(p.U, p.scene.mass))
+    return PoseSpace(p.scene, p.U, p.decoder, stiffness, p.z, lambda t: 1.02 * poses[t])
 
 
 def test_poses_to_fit_and_to_judge_are_disjoint_and_rise() -> None:

@@ -14,11 +14,15 @@ from ldsim.cubature.metric import rest_compliance
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import PoseSpace, Recipe, select
 from ldsim.cubature.virtual import VirtualRecipe, _points, fit_virtual, select_virtual, virtual_error
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
+from ldsim.space.basis import Basis
 from tests.cubature.cubature_problems import beam_scene, latent_problem, two_materials
+from tests.helpers import reduced_space
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,7 +36,8 @@ def made(material: str = "stable_neo_hookean", cell_type: str = "tet4") -> PoseS
     scene = beam_scene((5, 2, 2), cell_type, material)
     p = latent_problem(scene, r=3, k=8, count=60)
     poses = (p.decoder(p.z) @ p.U.T).reshape(60, -1, 3)
-    return PoseSpace(scene, p.U, p.decoder, reduced_rest_stiffness(scene, p.U), p.z, lambda t: 1.02 * poses[t])
+    stiffness = reduced_rest_stiffness(scene, Basis.of(p.U, scene.mass))
+    return PoseSpace(scene, p.U, p.decoder, stiffness, p.z, lambda t: 1.02 * poses[t])
 
 
 def lifted(space: PoseSpace) -> PoseSpace:
@@ -162,8 +167,8 @@ def test_a_solid_of_virtual_points_rests_at_rest(space: PoseSpace) -> None:
     ladder = select(space, FITTED[:30], KEPT_BACK, Recipe(Goal(1e-6, 6), threads=1)).fit.ladder
     found = select_virtual(space, ladder, KEPT_BACK, 60, RECIPE).cubature
     weightless = replace(space.scene, gravity=np.zeros(3))
-    stepper = ReducedStepper(weightless, space.U, space.decoder, found)
-    state, solution = stepper.step(ReducedState.at_rest(space.decoder), [])
+    stepper = ReducedStepper(reduced_space(weightless, space.U, space.decoder, found), ReducedOptions(tolerance=1e-8))
+    state, solution = stepper.step(stepper.rest(), Loads())
     assert solution.iterations == 0
     assert not state.q.any()
 

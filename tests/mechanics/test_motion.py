@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
 from ldsim.mechanics.loads import MotionLoads, held_vertices
 from ldsim.mechanics.motion import Drag, Motion, Support
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from tests.helpers import scene
 
 LINE = np.stack([np.arange(11) / 10, np.zeros(11), np.zeros(11)], axis=1)
 ALL_MOVE = np.ones(11, dtype=bool)
@@ -65,24 +70,55 @@ def test_the_first_frames_of_a_motion_have_what_begins_within_them() -> None:
     assert (motion.first(4).drags, motion.first(99).frames) == (motion.drags, 8)
 
 
-def test_each_frame_of_a_drag_pulls_to_its_own_target() -> None:
-    tracker = GrabTracker(Motion("one", 6, (drag(2),)), LINE, ALL_MOVE)
-    targets = [grab.target.tolist() for frame in range(6) for grab in tracker.grabs(frame)]
+@pytest.fixture(scope="module")
+def body() -> Scene:
+    """A beam 0.5 m long in slices 0.1 m apart, pinned at x = 0."""
+    return scene(beam(0.5, 0.1, 0.1, 1))
+
+
+def slices(body: Scene, vertices: object) -> list[float]:
+    """Where along the beam some vertices are, each place once."""
+    return np.unique(body.mesh.vertices[vertices, 0].round(6)).tolist()
+
+
+def test_each_frame_of_a_drag_pulls_to_its_own_target(body: Scene) -> None:
+    loads = MotionLoads(Motion("one", 6, (drag(2),)), body)
+    targets = [grab.target.tolist() for frame in range(6) for grab in loads.at(frame).grabs]
     assert targets == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    assert tracker.grabs(3)[0].stiffness == 7.0
+    assert loads.at(3).grabs[0].stiffness == 7.0
 
 
-def test_vertices_are_settled_on_the_deformed_solid_when_the_drag_starts_and_kept() -> None:
-    tracker = GrabTracker(Motion("one", 3, (drag(0),)), LINE, ALL_MOVE)
-    shifted = np.tile([0.3, 0.0, 0.0], (11, 1))
-    assert tracker.needs_state(0)
-    np.testing.assert_array_equal(tracker.grabs(0, shifted)[0].vertices, [1, 2, 3])
-    assert not tracker.needs_state(1)
-    np.testing.assert_array_equal(tracker.grabs(1, 0 * shifted)[0].vertices, [1, 2, 3])
+def test_each_frame_has_its_own_gravity_and_the_place_of_its_pins(body: Scene) -> None:
+    gravity, maps = np.arange(9.0).reshape(3, 3), np.arange(36.0).reshape(3, 3, 4)
+    pins = np.flatnonzero(body.pinned)
+    moving = MotionLoads(Motion("moving", 3, gravity=gravity, supports=(Support(pins, maps),)), body)
+    for frame in range(3):
+        loads = moving.at(frame)
+        assert loads.gravity is not None
+        np.testing.assert_array_equal(loads.gravity, gravity[frame])
+        ((vertices, placed),) = loads.pins
+        np.testing.assert_array_equal(vertices, pins)
+        np.testing.assert_array_equal(placed, maps[frame])
+    assert MotionLoads(Motion("still", 3), body).at(0) == ((), None, ())
 
 
-def test_vertices_settled_before_are_taken_over_on_resuming() -> None:
-    motion = Motion("one", 3, (drag(0),))
-    tracker = GrabTracker(motion, LINE, ALL_MOVE, held={0: np.array([9])})
-    assert not tracker.needs_state(1)
-    np.testing.assert_array_equal(tracker.grabs(1)[0].vertices, [9])
+def test_vertices_are_settled_on_the_deformed_solid_when_the_drag_starts_and_kept(body: Scene) -> None:
+    loads = MotionLoads(Motion("one", 3, (drag(0),)), body)
+    shifted = np.tile([0.3, 0.0, 0.0], (body.mesh.n_vertices, 1))
+    assert loads.needs_state(0)
+    assert slices(body, loads.at(0, shifted).grabs[0].vertices) == [0.1, 0.2, 0.3]
+    assert not loads.needs_state(1)
+    assert slices(body, loads.at(1, 0 * shifted).grabs[0].vertices) == [0.1, 0.2, 0.3]
+
+
+def test_a_drag_of_the_rest_shape_needs_no_state(body: Scene) -> None:
+    loads = MotionLoads(Motion("one", 3, (replace(drag(0, 0.32), at_rest=True),)), body)
+    assert not loads.needs_state(0)
+    shifted = np.tile([0.3, 0.0, 0.0], (body.mesh.n_vertices, 1))
+    assert slices(body, loads.at(0, shifted).grabs[0].vertices) == [0.2, 0.3, 0.4]
+
+
+def test_vertices_settled_before_are_taken_over_on_resuming(body: Scene) -> None:
+    loads = MotionLoads(Motion("one", 3, (drag(0),)), body, held={0: np.array([9])})
+    assert not loads.needs_state(1)
+    np.testing.assert_array_equal(loads.at(1).grabs[0].vertices, [9])

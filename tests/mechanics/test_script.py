@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
+from ldsim.mechanics.loads import MovedPins
 from ldsim.mechanics.script import Path, frame_times, frames_until, grab_along, gravity_sweep, rotations, support_along
 
 STEP = [(1.0, (0.0,)), (2.0, (10.0,)), (4.0, (6.0,))]
@@ -53,8 +54,9 @@ def test_pins_turn_about_their_axis_through_their_centre() -> None:
     rest = np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 2.0], [5, 5, 5]])
     path = Path.of([(0.0, (0, 0, 0, 0)), (1.0, (0, 0, 0.5, np.pi / 2))], False)
     support = support_along(path, np.array([0, 1, 2]), (1, 0, 0), (0, 0, 3.0), np.array([0.0, 1.0]))
-    assert not support.displacement(0, rest).any()
-    moved = rest[:3] + support.displacement(1, rest)
+    start, end = (MovedPins(support.vertices, map) for map in support.maps)
+    assert not start.displacement(rest).any()
+    moved = rest[:3] + end.displacement(rest)
     np.testing.assert_allclose(moved, [[1, 0, 0.5], [0, 0, 0.5], [1, 0, 2.5]], atol=1e-12)
 
 

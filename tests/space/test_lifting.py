@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.errors import MotionError
+from ldsim.mechanics.loads import MovedPins
 from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
@@ -55,8 +56,21 @@ def test_pins_follow_their_paths_and_those_without_one_stand_still() -> None:
         expected = np.zeros((4, body.mesh.n_vertices, 3))
         for support in motion.supports:
             for frame in range(4):
-                expected[frame, support.vertices] = support.displacement(frame, body.mesh.vertices)
+                moved = MovedPins(support.vertices, support.maps[frame])
+                expected[frame, support.vertices] = moved.displacement(body.mesh.vertices)
         np.testing.assert_allclose(lifted[:, body.pinned], expected[:, body.pinned], atol=1e-14)
+
+
+def test_the_coordinates_of_a_motion_are_those_of_its_pins_frame_by_frame() -> None:
+    body, left, right = clamped_at_both_ends()
+    both = Motion("both", 4, supports=(Support(left, paths(1)), Support(right, paths(2))))
+    lifting = Lifting.of(body, [both])
+    for frame, a in enumerate(lifting.coordinates(both)):
+        pins = [MovedPins(support.vertices, support.maps[frame]) for support in both.supports]
+        np.testing.assert_array_equal(lifting.at(pins), a)
+        np.testing.assert_array_equal(lifting.at(pins[::-1]), a)
+        np.testing.assert_array_equal(lifting.at(pins[:1]), np.where(np.arange(24) < 12, a, 0.0))
+    assert not lifting.at([]).any()
 
 
 def test_pins_that_all_move_as_one_rigid_body_carry_the_whole_solid() -> None:
@@ -84,11 +98,14 @@ def test_what_is_left_of_snapshots_is_zero_at_the_pins_and_whole_with_what_was_t
     assert not found.reshape(7, n, 3)[:, body.pinned].any()
 
 
-def test_pins_that_it_was_not_made_for_are_refused_and_the_motion_named() -> None:
+def test_pins_that_it_was_not_made_for_are_refused() -> None:
     body, left, right = clamped_at_both_ends()
     twist = Motion("twist", 4, supports=(Support(left, paths(1)),))
     other = Motion("other", 4, supports=(Support(right, paths(1)),))
-    with pytest.raises(MotionError, match="motion other moves pins"):
+    message = f"{len(right)} pins move, the first at vertex {right[0]}; this space was not prepared for them"
+    with pytest.raises(MotionError, match=message):
         Lifting.of(body, [twist]).coordinates(other)
+    with pytest.raises(MotionError, match=message):
+        Lifting.of(body, [twist]).at([MovedPins(right, paths(1)[0])])
     nothing = Lifting.of(body, [Motion("still", 4)])
     assert nothing.fields.shape == (3 * body.mesh.n_vertices, 0) and nothing.coordinates(Motion("still", 4)).size == 0

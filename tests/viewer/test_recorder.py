@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.dynamics.full.stepper import FullState, FullStepper, run
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.stepper import simulate
 from ldsim.errors import MotionError
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator
@@ -54,9 +55,8 @@ def test_a_recording_replayed_in_the_full_space_ends_where_the_hand_left_it(tmp_
     motion = read_recording(tmp_path / "m.csv", "m")
     assert motion.frames == 2 + 4 + 1 + 4 + 3
     assert [drag.start for drag in motion.drags] == [2, 7]
-    tracker = GrabTracker(motion, BODY.mesh.vertices, BODY.movable)
-    states = run(FullStepper(BODY), tracker, FullState.at_rest(BODY.mesh.n_vertices), range(motion.frames))
-    np.testing.assert_allclose(list(states)[-1][1].u, u, atol=1e-8)
+    frames = list(simulate(FullStepper(BODY), motion))
+    np.testing.assert_allclose(frames[-1].state.u, u, atol=1e-8)
     assert np.abs(u).max() > 1e-3
 
 

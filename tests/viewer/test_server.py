@@ -146,8 +146,7 @@ def test_what_is_decoded_from_the_blocks_is_the_surface_of_the_api(run: Path, ur
     expected = (sim.scene.mesh.vertices + sim.displacement())[sim.surface.vertices]
     np.testing.assert_allclose(decoded, expected, atol=1e-6)
     points = space["point_rest"] + space["point_basis"] @ sim.coordinates
-    assert sim.points is not None
-    nodes = sim.scene.points.nodes[sim.points]
+    nodes = sim.scene.points.nodes[sim.space.rule.points]
     moved = sim.scene.mesh.vertices + sim.displacement()
     np.testing.assert_allclose(points, moved[nodes].mean(axis=1), atol=1e-6)
 
@@ -187,7 +186,7 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
     with joined(url) as page:
         for message, words in (
             ({"kind": "grab", "id": 1, "point": [99, 0, 0], "target": [0, 0, 0]}, "hits no vertex"),
-            ({"kind": "spaces", "value": ["fluid"]}, "offered are latent, linear, full"),
+            ({"kind": "spaces", "value": ["fluid"]}, "offered are full, linear, latent"),
             ({"kind": "colour", "value": "smell"}, "known are plain"),
             ({"kind": "record", "value": True}, "nothing is recorded here"),
             ({"kind": "replay", "value": True}, "nothing is played back here"),
