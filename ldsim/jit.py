@@ -22,7 +22,6 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba import njit as njit
 from numba.core.caching import _CacheLocator
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
@@ -110,6 +109,16 @@ numba.config.CACHE_LOCATOR_CLASSES = ",".join(  # type: ignore[attr-defined]
 Loop = TypeVar("Loop", bound=Callable[..., Any])
 Part = TypeVar("Part")
 Result = TypeVar("Result")
+
+
+# A function that says neither inherits both from whatever calls it first, and its machine code is then kept for every
+# other caller: after another first run, the same step had other last bits. So both are always said.
+STRICT: dict[str, Any] = {"fastmath": False, "error_model": "python", "forceinline": False}
+
+
+def njit(function: Callable[..., Any] | None = None, **options: object) -> Any:
+    """Numba's `njit`, to be used bare or with options; strict arithmetic unless they say otherwise."""
+    return numba.njit(function, **{**STRICT, **options})
 
 
 def kernel(**options: object) -> Callable[[Loop], Loop]:

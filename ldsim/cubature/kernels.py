@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
-from ldsim.mechanics.materials import energy, weighted_stresses
+from ldsim.mechanics.materials.kernels import energy, weighted_stresses
 from ldsim.mechanics.materials.tensors import Matrix
 
 Array = NDArray[np.float64]

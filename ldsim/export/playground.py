@@ -13,17 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors
+from ldsim.mechanics.materials import material_names
 from ldsim.report.camera import first_look
 from ldsim.run import Run
 from ldsim.web import bundle, inlined, playground, playground_style
 
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
 SINGLE = ("vertices", "basis")
+# What web/src/materials.js has; a model of another material is refused by its name.
+PAGE_MATERIALS = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 
 
 def write_playground(run: Run, path: Path) -> None:
-    """Write the page; both reduced spaces go into it, the latent one is shown first."""
+    """Write the page; both reduced spaces go into it, the latent one is shown first.
+
+    Raises:
+        SceneError: the solid has a material that the page does not know.
+    """
     scene = run.scene
+    material_names(np.unique(scene.material).tolist(), PAGE_MATERIALS, "the exported page")
     mesh = scene.mesh
     about = first_look(scene) | {"title": run.experiment, "cells": mesh.n_cells, "cell_type": mesh.cell_type}
     script = (

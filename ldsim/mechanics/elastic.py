@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.jit import kernel, njit
-from ldsim.mechanics.materials import energy, energy_stress, tangent
+from ldsim.mechanics.materials.kernels import energy, energy_stress, tangent
 from ldsim.mechanics.materials.tensors import Matrix, determinant, signed_svd
 
 Array = NDArray[np.float64]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
-from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.materials import material_number
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,7 @@ class Properties:
         density: (m,) float64, kg/m³.
 
     Raises:
-        SceneError: a number that is not allowed, with its cell.
+        SceneError: a number that is not allowed, with its cell; a model that does not exist.
     """
 
     kind: NDArray[np.int8]
@@ -55,7 +57,7 @@ class Properties:
     ) -> Properties:
         """One material throughout; Pa, kg/m³."""
         return cls(
-            np.full(n_cells, MATERIALS[model], dtype=np.int8),
+            np.full(n_cells, material_number(model), dtype=np.int8),
             np.full(n_cells, youngs_modulus, dtype=np.float64),
             np.full(n_cells, poisson_ratio, dtype=np.float64),
             np.full(n_cells, density, dtype=np.float64),
@@ -64,7 +66,7 @@ class Properties:
     def changed(self, change: Change, cells: NDArray[np.bool_] | None = None) -> Properties:
         """With a change in some cells, (m,) bool, or in all; arrays of a change are of all cells, (m,)."""
         where = np.ones(len(self.kind), dtype=bool) if cells is None else cells
-        kind = self.kind if change.model is None else np.where(where, np.int8(MATERIALS[change.model]), self.kind)
+        kind = self.kind if change.model is None else np.where(where, np.int8(material_number(change.model)), self.kind)
 
         def pick(new: float | Array | None, old: Array) -> Array:
             return old if new is None else np.where(where, new, old)
@@ -82,3 +84,10 @@ def _check(name: str, values: Array, allowed: NDArray[np.bool_], words: str) -> 
     wrong = np.flatnonzero(~(allowed & np.isfinite(values)))
     if len(wrong):
         raise SceneError(f"{name} of cell {wrong[0]} is {values[wrong[0]]:g}; it must be {words}")
+
+
+def lame_parameters(youngs_modulus: Number, poisson_ratio: Number) -> tuple[Number, Number]:
+    """μ = E / 2(1 + ν) and λ = E ν / (1 + ν)(1 − 2ν), Pa; of one material, or of each entry of two arrays."""
+    mu = youngs_modulus / (2 * (1 + poisson_ratio))
+    lam = youngs_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    return mu, lam

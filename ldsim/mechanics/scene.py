@@ -12,8 +12,8 @@ from scipy.sparse import csr_array
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.mass import mass_matrix
-from ldsim.mechanics.materials import lame_parameters
-from ldsim.mechanics.properties import Properties
+from ldsim.mechanics.materials import material_names
+from ldsim.mechanics.properties import Properties, lame_parameters
 from ldsim.mechanics.quadrature import Quadrature, quadrature
 from ldsim.mesh.mesh import Mesh, components
 
@@ -33,7 +33,8 @@ class Scene:
         load: dead load on each vertex besides its weight, (n, 3) float64, N; None where there is none.
 
     Raises:
-        SceneError: on a modulus, density or time step that is not allowed, or a part without a pin.
+        SceneError: on a material that does not exist, on a modulus, density or time step that is not allowed, or a part
+            without a pin.
     """
 
     mesh: Mesh
@@ -47,6 +48,7 @@ class Scene:
     load: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        material_names(np.unique(self.material).tolist())
         for name, values in (("mu", self.mu), ("density", self.density)):
             if not (np.isfinite(values).all() and (values > 0).all()):
                 raise SceneError(f"{name} of a cell is {values.min():g}; it must be positive and finite")

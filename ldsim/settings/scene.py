@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ldsim.mechanics.materials import MaterialName
 from ldsim.options import Options, Positive, Vector
-
-MaterialName = Literal["neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear"]
 
 
 class MaterialSettings(Options):

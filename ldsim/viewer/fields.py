@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
-from ldsim.mechanics.materials import energy_stress
+from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.mechanics.materials.tensors import determinant
 from ldsim.simulator import Simulator
 

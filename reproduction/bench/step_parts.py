@@ -25,7 +25,7 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.tangent import current_tangent
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import njit, one_thread
-from ldsim.mechanics.materials import weighted_stresses
+from ldsim.mechanics.materials.kernels import weighted_stresses
 from ldsim.pipeline.comparison import run_reduced
 from ldsim.space.decoder import decode, decode_jacobian, decode_vjp
 

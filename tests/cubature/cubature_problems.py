@@ -8,7 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import MATERIALS, energy, lame_parameters
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.materials.kernels import energy
+from ldsim.mechanics.properties import lame_parameters
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.space.decoder import Decoder

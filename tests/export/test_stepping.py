@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
 from ldsim.export.arrays import safetensors, space_arrays
-from ldsim.space.space import Space
-from ldsim.mechanics.materials import MATERIALS, energy_stress, tangent
+from ldsim.export.playground import PAGE_MATERIALS
 from ldsim.mechanics.loads import MotionLoads, held_vertices
+from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
+from ldsim.space.space import Space
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
@@ -25,11 +26,11 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
 from tests.export.javascript import needs_node, run_javascript
 from tests.helpers import bent, scene
+from tests.mechanics.material_vectors import LAM, MU, read, stress_change
 
 pytestmark = needs_node
 
 Array = NDArray[np.float64]
-MU, LAM = 1.3e4, 4.1e4
 K, R, FRAMES = 6, 4, 100
 
 TRY_MATERIALS = """
@@ -68,46 +69,32 @@ result = given.map(({ model, grabs, taken }) => {
 """
 
 
-def deformations(count: int) -> list[Array]:
-    rng = np.random.default_rng(5)
-    return [np.eye(3) + 0.35 * rng.normal(size=(3, 3)) for _ in range(count)]
-
-
-def apply_tangent(U: Any, V: Any, D: Any, O: Any, dF: Array) -> Array:
-    """dP of dF from the parts that `materials.tangent` returns."""
-    u, v = np.reshape(U, (3, 3)), np.reshape(V, (3, 3))
-    X = u.T @ dF @ v
-    stretch = np.array([[D[0], D[3], D[4]], [D[3], D[1], D[5]], [D[4], D[5], D[2]]])
-    T = np.diag(stretch @ np.diag(X))
-    for pair, (i, j) in enumerate([(0, 1), (0, 2), (1, 2)]):
-        T[i, j] = O[pair] * X[i, j] + O[3 + pair] * X[j, i]
-        T[j, i] = O[pair] * X[j, i] + O[3 + pair] * X[i, j]
-    turned: Array = u @ T @ v.T
-    return turned
-
-
 @pytest.fixture(scope="module")
 def answers() -> dict[str, list[Any]]:
-    """Every material at the same deformations, from one run of node."""
-    cases = [[kind, F.ravel().tolist(), MU, LAM] for kind in MATERIALS.values() for F in [*deformations(8), np.eye(3)]]
+    """Every material at the committed deformations, from one run of node."""
+    cases = [[MATERIALS[name], case["F"], MU, LAM] for name, cases in read().items() for case in cases]
     results = iter(run_javascript(TRY_MATERIALS, cases))
-    return {name: [next(results) for _ in range(9)] for name in MATERIALS}
+    return {name: [next(results) for _ in cases] for name, cases in read().items()}
 
 
-@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("name", PAGE_MATERIALS)
 def test_a_material_has_the_same_energy_stress_and_tangent(answers: dict[str, list[Any]], name: str) -> None:
-    kind, rng = MATERIALS[name], np.random.default_rng(6)
-    for F, answer in zip([*deformations(8), np.eye(3)], answers[name], strict=True):
-        flat = tuple(F.ravel().tolist())
-        density, P = energy_stress(kind, flat, MU, LAM)
-        dF = rng.normal(size=(3, 3))
-        if np.isinf(density):
+    for case, answer in zip(read()[name], answers[name], strict=True):
+        if case["density"] is None:
             assert answer["density"] == "infinite"
             continue
-        assert answer["density"] == pytest.approx(density, rel=1e-12, abs=1e-9)
-        np.testing.assert_allclose(answer["P"], P, rtol=1e-10, atol=1e-9 * MU)
-        expected = apply_tangent(*tangent(kind, flat, MU, LAM, True), dF)
-        np.testing.assert_allclose(apply_tangent(*answer["tangent"], dF), expected, rtol=1e-8, atol=1e-8 * MU)
+        assert answer["density"] == pytest.approx(case["density"], rel=1e-12, abs=1e-9)
+        np.testing.assert_allclose(answer["P"], case["stress"], rtol=1e-10, atol=1e-9 * MU)
+        change = stress_change(*answer["tangent"], np.reshape(case["dF"], (3, 3)))
+        np.testing.assert_allclose(change.ravel(), case["clamped_change"], rtol=1e-8, atol=1e-8 * MU)
+
+
+def test_a_material_that_the_page_does_not_have_is_no_other_one() -> None:
+    program = """
+    try { result = energyStress(given, new Float64Array(9), 1, 1, new Float64Array(9)); }
+    catch (error) { result = error.message; }
+    """
+    assert run_javascript(program, 99) == "no material has the number 99"
 
 
 def some_basis(body: Scene) -> Array:
@@ -164,7 +151,8 @@ def packed(body: Scene, space: ReducedSpace) -> str:
     return base64.b64encode(safetensors(arrays | some, {})).decode()
 
 
-CASES = [(name, "elu") for name in MATERIALS] + [("neo_hookean", other) for other in (*ACTIVATIONS, "identity")][1:]
+CASES = [(name, "elu") for name in PAGE_MATERIALS]
+CASES += [("neo_hookean", other) for other in (*ACTIVATIONS, "identity")][1:]
 
 
 def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder() -> None:

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import MATERIALS, energy, energy_stress, lame_parameters, tangent, weighted_stresses
+from ldsim.errors import SceneError
+from ldsim.mechanics.materials import MATERIALS, material_names, material_number
+from ldsim.mechanics.materials.kernels import energy, energy_stress, tangent, weighted_stresses
 from tests.helpers import STEPS, derivative_order, order, random_rotation
+from tests.mechanics import material_vectors
 
 Array = NDArray[np.float64]
 MU, LAM = 1.3, 2.1
@@ -201,10 +204,14 @@ def test_only_the_papers_neo_hookean_forbids_inversion() -> None:
     assert np.isinf(psi("neo_hookean", np.diag([1.0, 1.0, 0.0])))
 
 
-def test_lame_parameters_give_back_youngs_modulus_and_poissons_ratio() -> None:
-    mu, lam = lame_parameters(2e5, 0.3)
-    assert mu * (3 * lam + 2 * mu) / (lam + mu) == pytest.approx(2e5, rel=1e-14)
-    assert lam / (2 * (lam + mu)) == pytest.approx(0.3, rel=1e-14)
+def test_the_vectors_that_the_other_implementations_are_held_to_are_of_these_materials(name: str) -> None:
+    for case in material_vectors.read()[name]:
+        F, dF = (np.reshape(case[key], (3, 3)) for key in ("F", "dF"))
+        now = material_vectors.computed(name, F, dF)
+        assert now.keys() == case.keys() - {"F", "dF"}
+        assert now["density"] == (None if case["density"] is None else pytest.approx(case["density"], abs=1e-9))
+        for key in now.keys() - {"density"}:
+            np.testing.assert_allclose(now[key], case[key], rtol=1e-10, atol=1e-9 * material_vectors.MU)
 
 
 @pytest.mark.parametrize("kinds", [[kind] for kind in MATERIALS.values()] + [sorted(MATERIALS.values())])
@@ -220,6 +227,41 @@ def test_many_points_at_once_are_the_points_one_by_one(kinds: list[int]) -> None
     assert total == pytest.approx(sum(w[s] * each[s][0] for s in range(count)), rel=1e-13)
     expected = np.array([w[s] * np.array(each[s][1]) for s in range(count)]).T
     np.testing.assert_allclose(strain, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_points_are_the_same_in_whatever_order_their_materials_stand() -> None:
+    rng = np.random.default_rng(6)
+    kind = rng.integers(0, len(MATERIALS), 40).astype(np.int8)
+    w, mu, lam = rng.uniform(0.5, 2, (3, 40))
+    strain = np.array([strained(seed) - I for seed in range(40)]).reshape(40, 9).T
+    order = np.argsort(kind, kind="stable")
+    mixed, sorted_ = strain.copy(), np.ascontiguousarray(strain[:, order])
+    total = weighted_stresses(kind, mixed, w, mu, lam)
+    assert weighted_stresses(kind[order], sorted_, w[order], mu[order], lam[order]) == pytest.approx(total, rel=1e-13)
+    np.testing.assert_allclose(sorted_, mixed[:, order], rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("number", [-1, len(MATERIALS), 100])
+def test_a_number_of_no_material_is_never_taken_for_another(number: int) -> None:
+    F, kind = tuple(I.ravel()), np.array([0, number], dtype=np.int8)
+    for attempt in (
+        lambda: energy(number, F, MU, LAM),
+        lambda: energy_stress(number, F, MU, LAM),
+        lambda: tangent(number, F, MU, LAM, True),
+        lambda: weighted_stresses(kind, np.zeros((9, 2)), np.ones(2), np.ones(2), np.ones(2)),
+    ):
+        with pytest.raises(ValueError, match="no material has this number"):
+            attempt()
+
+
+def test_a_material_is_refused_by_its_name_where_it_is_not_known() -> None:
+    assert material_names([4, 0, 4]) == ["neo_hookean", "linear"]
+    with pytest.raises(SceneError, match="ldsim does not know the material 'number 77'; it knows neo_hookean, "):
+        material_names([0, 77])
+    with pytest.raises(SceneError, match="the page does not know the material 'linear'; it knows neo_hookean$"):
+        material_names([0, 4], ["neo_hookean"], "the page")
+    with pytest.raises(SceneError, match="unknown material 'rubber'; known are neo_hookean, "):
+        material_number("rubber")
 
 
 def test_one_inverted_point_among_many_makes_the_energy_infinite() -> None:

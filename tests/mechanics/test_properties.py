@@ -7,7 +7,7 @@ import pytest
 
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import MATERIALS
-from ldsim.mechanics.properties import Change, Properties
+from ldsim.mechanics.properties import Change, Properties, lame_parameters
 from ldsim.mechanics.scene import properties_of, uniform_scene, with_properties
 from ldsim.mesh.shapes import beam
 
@@ -59,3 +59,9 @@ def test_the_properties_of_a_scene_are_those_it_was_made_of(ratio: float) -> Non
     np.testing.assert_allclose(softer.mu, body.mu / 2, rtol=1e-12)
     np.testing.assert_allclose(softer.lam, body.lam / 2, rtol=1e-12, atol=1e-6)
     assert softer.mass.sum() == body.mass.sum()
+
+
+def test_lame_parameters_give_back_youngs_modulus_and_poissons_ratio() -> None:
+    mu, lam = lame_parameters(2e5, 0.3)
+    assert mu * (3 * lam + 2 * mu) / (lam + mu) == pytest.approx(2e5, rel=1e-14)
+    assert lam / (2 * (lam + mu)) == pytest.approx(0.3, rel=1e-14)

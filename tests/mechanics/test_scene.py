@@ -45,6 +45,12 @@ def test_the_weight_is_that_of_the_solid_less_what_the_pins_carry(cell_type: str
     np.testing.assert_array_equal(np.sort(np.concatenate([body.free, np.flatnonzero(body.pinned)])), range(len(force)))
 
 
+def test_a_scene_of_a_material_that_does_not_exist_is_refused() -> None:
+    body = scene(beam(resolution=1))
+    with pytest.raises(SceneError, match="ldsim does not know the material 'number 50'; it knows neo_hookean, "):
+        replace(body, material=np.full_like(body.material, 50))
+
+
 def test_a_stiffened_scene_has_its_lame_parameters_scaled_and_nothing_else_changed() -> None:
     body = scene(beam(resolution=1))
     changed = body.stiffened(2.5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import energy_stress
+from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.simulator import full_simulator
 from ldsim.viewer.fields import FIELDS, SurfaceField
 from tests.helpers import bent

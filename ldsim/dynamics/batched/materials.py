@@ -7,12 +7,17 @@ Directions carry one axis more than the deformation gradient, (3, 3, n, r, c) be
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple, final
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from types import FunctionType, ModuleType
+from typing import Any, final
 
 import torch
 from torch import Tensor
 
-from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.materials import material_names, stable_neo_hookean
+
+Formula = Callable[..., Any]
 
 ROOT_ITERATIONS = 60
 
@@ -29,6 +34,10 @@ def inner(A: Tensor, B: Tensor) -> Tensor:
 
 def transposed(A: Tensor) -> Tensor:
     return A.transpose(0, 1)
+
+
+def symmetric(A: Tensor) -> Tensor:
+    return 0.5 * (A + transposed(A))
 
 
 def trace(A: Tensor) -> Tensor:
@@ -72,84 +81,69 @@ class Material(ABC):
         """The derivative of the stress along the directions X; F, mu and lam broadcast against them. Not clamped."""
 
 
-class _Slopes(NamedTuple):
-    """Derivatives of ψ(I₁, J)."""
+@final
+@dataclass(frozen=True)
+class OfInvariants(Material):
+    """Ψ = ψ(I₁, J) with I₁ = tr FᵀF: P = 2 ψ₁ F + ψ_J cof F, and the tangent by the chain rule.
 
-    first: Tensor
-    J: Tensor
-    first_first: Tensor
-    first_J: Tensor
-    J_J: Tensor
+    Attributes:
+        potential: (I1, J, mu, lam) → ψ.
+        slopes: (I1, J, mu, lam) → ψ₁, ψ_J, ψ₁₁, ψ₁_J, ψ_JJ.
+    """
 
+    potential: Formula
+    slopes: Formula
 
-class _OfInvariants(Material):
-    """Ψ = ψ(I₁, J) with I₁ = tr FᵀF: P = 2 ψ₁ F + ψ_J cof F, and the tangent by the chain rule."""
-
-    @abstractmethod
-    def slopes(self, I1: Tensor, J: Tensor, mu: Tensor, lam: Tensor) -> _Slopes:
-        """The derivatives of ψ."""
+    def density(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
+        value: Tensor = self.potential(inner(F, F), _determinant(F), mu, lam)
+        return value
 
     def stress(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
         C = cofactor(F)
-        slopes = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
-        return 2 * slopes.first * F + slopes.J * C
+        by_I1, by_J, *_ = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
+        return 2 * by_I1 * F + by_J * C
 
     def tangent(self, F: Tensor, X: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
         C = cofactor(F)
-        s = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
+        by_I1, by_J, twice_I1, mixed, twice_J = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
         dI1, dJ = 2 * inner(F, X), inner(C, X)
-        along_F = 2 * (s.first_first * dI1 + s.first_J * dJ)
-        along_C = s.first_J * dI1 + s.J_J * dJ
-        return 2 * s.first * X + s.J * _cofactor_change(F, X) + along_F * F + along_C * C
+        along_F, along_C = 2 * (twice_I1 * dI1 + mixed * dJ), mixed * dI1 + twice_J * dJ
+        return 2 * by_I1 * X + by_J * _cofactor_change(F, X) + along_F * F + along_C * C
 
 
 def _determinant(F: Tensor) -> Tensor:
     return (F[0] * _cross(F[1], F[2])).sum(0)
 
 
-@final
-class NeoHookean(_OfInvariants):
-    """See mechanics/materials/neo_hookean.py."""
-
-    def density(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        J = _determinant(F)
-        allowed = torch.where(J > 0, J, 1.0)
-        density = 0.5 * mu * (allowed ** (-2 / 3) * inner(F, F) - 3) + 0.5 * lam * (J - 1) ** 2
-        return torch.where(J > 0, density, torch.inf)
-
-    def slopes(self, I1: Tensor, J: Tensor, mu: Tensor, lam: Tensor) -> _Slopes:
-        J = torch.where(J > 0, J, 1.0)
-        first = 0.5 * mu * J ** (-2 / 3)
-        pull = first * I1 / J
-        return _Slopes(
-            first,
-            lam * (J - 1) - 2 / 3 * pull,
-            torch.zeros_like(first),
-            -2 / 3 * first / J,
-            lam + 10 / 9 * pull / J,
-        )
+def on_tensors(file: ModuleType) -> OfInvariants:
+    """The material of a file that gives `density` and `slopes` without branches: the same source, torch for math."""
+    density, slopes = (FunctionType(f.py_func.__code__, {"math": torch}) for f in (file.density, file.slopes))
+    return OfInvariants(density, slopes)
 
 
-@final
-class StableNeoHookean(_OfInvariants):
-    """See mechanics/materials/stable_neo_hookean.py."""
+def _neo_hookean(I1: Tensor, J: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
+    """See mechanics/materials/neo_hookean.py, which sums it otherwise, for the last bits near rest."""
+    allowed = torch.where(J > 0, J, 1.0)
+    density = 0.5 * mu * (allowed ** (-2 / 3) * I1 - 3) + 0.5 * lam * (J - 1) ** 2
+    return torch.where(J > 0, density, torch.inf)
 
-    def density(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        m, l = 4 * mu / 3, lam + 5 * mu / 6
-        alpha, I1 = 1 + 0.75 * m / l, inner(F, F)
-        volumetric = (_determinant(F) - alpha) ** 2 - (1 - alpha) ** 2
-        return 0.5 * m * (I1 - 3 - torch.log((I1 + 1) / 4)) + 0.5 * l * volumetric
 
-    def slopes(self, I1: Tensor, J: Tensor, mu: Tensor, lam: Tensor) -> _Slopes:
-        m, l = 4 * mu / 3, lam + 5 * mu / 6
-        first = 0.5 * m * (1 - 1 / (I1 + 1))
-        return _Slopes(
-            first,
-            l * (J - 1 - 0.75 * m / l),
-            0.5 * m / (I1 + 1) ** 2,
-            torch.zeros_like(first),
-            l.expand_as(first),
-        )
+def _neo_hookean_slopes(I1: Tensor, J: Tensor, mu: Tensor, lam: Tensor) -> tuple[Tensor | float, ...]:
+    # at J ≤ 0 the stress has no meaning, but a NaN there would reach the other instances' gradients
+    J = torch.where(J > 0, J, 1.0)
+    first = 0.5 * mu * J ** (-2 / 3)
+    pull = first * I1 / J
+    return first, lam * (J - 1) - 2 / 3 * pull, 0.0, -2 / 3 * first / J, lam + 10 / 9 * pull / J
+
+
+def _hookean(E: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
+    """μ E:E + λ/2 (tr E)²."""
+    return mu * inner(E, E) + 0.5 * lam * trace(E) ** 2
+
+
+def _hooke(E: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
+    """2μ E + λ tr(E) I."""
+    return _plus_identity(2 * mu * E, lam * trace(E))
 
 
 @final
@@ -157,25 +151,18 @@ class StVenantKirchhoff(Material):
     """See mechanics/materials/st_venant_kirchhoff.py."""
 
     def density(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        E = self._strain(F)
-        return mu * inner(E, E) + 0.5 * lam * trace(E) ** 2
+        return _hookean(self._strain(F), mu, lam)
 
     def stress(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
         return product(F, _hooke(self._strain(F), mu, lam))
 
     def tangent(self, F: Tensor, X: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        FX = product(transposed(F), X)
-        change = 0.5 * (FX + transposed(FX))
+        change = symmetric(product(transposed(F), X))
         return product(X, _hooke(self._strain(F), mu, lam)) + product(F, _hooke(change, mu, lam))
 
     @staticmethod
     def _strain(F: Tensor) -> Tensor:
         return 0.5 * _plus_identity(product(transposed(F), F), -1.0)
-
-
-def _hooke(E: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-    """2μ E + λ tr(E) I."""
-    return _plus_identity(2 * mu * E, lam * trace(E))
 
 
 @final
@@ -200,16 +187,9 @@ class FixedCorotated(Material):
         A = _plus_identity(-product(transposed(R), F), trace_S)
         adjugate = cofactor(A)
         angle = (adjugate * axial[:, None]).sum(0) / (A[0] * adjugate[0]).sum(0)
-        zero = torch.zeros_like(angle[0])
-        skew = torch.stack(
-            [
-                torch.stack([zero, -angle[2], angle[1]]),
-                torch.stack([angle[2], zero, -angle[0]]),
-                torch.stack([-angle[1], angle[0], zero]),
-            ]
-        )
+        turned = torch.stack([_cross(R[i], angle) for i in range(3)])
         volumetric = C * inner(C, X) + (J - 1) * _cofactor_change(F, X)
-        return 2 * mu * (X - product(R, skew)) + lam * volumetric
+        return 2 * mu * (X - turned) + lam * volumetric
 
 
 def rotation(F: Tensor) -> tuple[Tensor, Tensor]:
@@ -238,26 +218,29 @@ class Linear(Material):
     """See mechanics/materials/linear.py."""
 
     def density(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        E = self._strain(F)
-        return mu * inner(E, E) + 0.5 * lam * trace(E) ** 2
+        return _hookean(_plus_identity(symmetric(F), -1.0), mu, lam)
 
     def stress(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        return _hooke(self._strain(F), mu, lam)
+        return _hooke(_plus_identity(symmetric(F), -1.0), mu, lam)
 
     def tangent(self, F: Tensor, X: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
-        return _hooke(0.5 * (X + transposed(X)), mu, lam)
-
-    @staticmethod
-    def _strain(F: Tensor) -> Tensor:
-        return _plus_identity(0.5 * (F + transposed(F)), -1.0)
+        return _hooke(symmetric(X), mu, lam)
 
 
-_BY_NAME: dict[str, Material] = {
-    "neo_hookean": NeoHookean(),
-    "stable_neo_hookean": StableNeoHookean(),
+# A material that is missing here is refused by its name.
+TWINS: dict[str, Material] = {
+    "neo_hookean": OfInvariants(_neo_hookean, _neo_hookean_slopes),
+    "stable_neo_hookean": on_tensors(stable_neo_hookean),
     "st_venant_kirchhoff": StVenantKirchhoff(),
     "fixed_corotated": FixedCorotated(),
     "linear": Linear(),
 }
-# The material of each number of `mechanics.materials.MATERIALS`.
-BY_NUMBER = {number: _BY_NAME[name] for name, number in MATERIALS.items()}
+
+
+def twins(kinds: Iterable[int]) -> list[Material]:
+    """The materials of some numbers, each once, in the order of the numbers.
+
+    Raises:
+        SceneError: one has no twin on tensors.
+    """
+    return [TWINS[name] for name in material_names(kinds, tuple(TWINS), "the batched stepper")]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ldsim.dynamics.batched.decoder import BatchedDecoder
-from ldsim.dynamics.batched.materials import BY_NUMBER, Material
+from ldsim.dynamics.batched.materials import Material, twins
 from ldsim.dynamics.reduced.stepper import MovingPins, reduced_mass
 from ldsim.space.space import Space
 
@@ -93,8 +93,8 @@ class BatchedModel:
         return cls(
             BatchedDecoder.of(space.decoder, device, dtype),
             tuple(
-                Part(BY_NUMBER[int(kind)], slice(int(start), int(stop)))
-                for kind, start, stop in zip(kinds, starts, stops, strict=True)
+                Part(material, slice(int(start), int(stop)))
+                for material, start, stop in zip(twins(kinds.tolist()), starts, stops, strict=True)
             ),
             tensor(rule.strain_maps(scene, basis.matrix)[order].transpose(1, 2, 0)),
             tensor(weights),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.jit import kernel
-from ldsim.mechanics.materials import weighted_stresses
+from ldsim.mechanics.materials.kernels import weighted_stresses
 from ldsim.space.decoder import REASSOCIATE, Decoder, Layers, decode, decode_vjp
 
 Array = NDArray[np.float64]

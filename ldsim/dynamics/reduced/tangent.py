@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, strains
 from ldsim.jit import copy, kernel
-from ldsim.mechanics.materials import deformation, tangent
+from ldsim.mechanics.materials.kernels import deformation, tangent
 from ldsim.mechanics.materials.tensors import Matrix, Symmetric
 from ldsim.space.decoder import REASSOCIATE
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from ldsim.jit import njit
+from ldsim.mechanics.materials.isotropic import isotropic
 from ldsim.mechanics.materials.tensors import (
     Matrix,
-    Principal,
     cofactor,
     combination,
     determinant,
@@ -20,7 +20,7 @@ from ldsim.mechanics.materials.tensors import (
 )
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _invariants(F: Matrix) -> tuple[float, float, float, float]:
     """I₁ = tr FᵀF, J − 1, J^(−1/3) and J^(−2/3) I₁ − 3, the second and last without cancellation near rest.
 
@@ -37,13 +37,7 @@ def _invariants(F: Matrix) -> tuple[float, float, float, float]:
     return 3.0 + stretch, volume, y, 3.0 * (y + 1.0) * less_one + y * y * stretch
 
 
-@njit(cache=True, inline="always")
-def energy(F: Matrix, mu: float, lam: float) -> float:
-    _, volume, _, shape = _invariants(F)
-    return 0.5 * mu * shape + 0.5 * lam * volume * volume if volume > -1.0 else math.inf
-
-
-@njit(cache=True, inline="always")
+@njit
 def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     """Ψ and P = μ J^(−2/3) F + (λ (J − 1) − μ J^(−5/3) I₁ / 3) cof F; for J ≤ 0 P is of no meaning."""
     I1, volume, y, shape = _invariants(F)
@@ -53,23 +47,17 @@ def energy_stress(F: Matrix, mu: float, lam: float) -> tuple[float, Matrix]:
     return 0.5 * mu * shape + 0.5 * lam * volume * volume if volume > -1.0 else math.inf, P
 
 
-@njit(cache=True, inline="always")
-def principal(a: float, b: float, c: float, mu: float, lam: float) -> Principal:
-    """First and second derivatives of Ψ in the principal stretches a, b, c."""
-    J = a * b * c
-    I1 = a * a + b * b + c * c
+@njit(inline="always")
+def slopes(x: float, y: float, z: float, I1: float, J: float, mu: float, lam: float) -> tuple[float, float, float]:
+    # |J|, so that the tangent is finite where a line search looks at an inverted state
     shear = mu * abs(J) ** (-2.0 / 3.0)
-    p = lam * (J - 1.0)
+    pressure = lam * (J - 1.0)
     t = shear * I1 / 3.0
-    # ∂²/∂σᵢ²: shear (1/3 − …) collects to shear/3·(−1) + 5 I₁/(9 σᵢ²) of the isochoric part
     return (
-        shear * a - t / a + p * b * c,
-        shear * b - t / b + p * a * c,
-        shear * c - t / c + p * a * b,
-        -shear / 3.0 + 5.0 * t / (3.0 * a * a) + lam * (b * c) ** 2,
-        -shear / 3.0 + 5.0 * t / (3.0 * b * b) + lam * (a * c) ** 2,
-        -shear / 3.0 + 5.0 * t / (3.0 * c * c) + lam * (a * b) ** 2,
-        -2.0 / 3.0 * shear * (a / b + b / a) + 2.0 * t / (3.0 * a * b) + (lam * J + p) * c,
-        -2.0 / 3.0 * shear * (a / c + c / a) + 2.0 * t / (3.0 * a * c) + (lam * J + p) * b,
-        -2.0 / 3.0 * shear * (b / c + c / b) + 2.0 * t / (3.0 * b * c) + (lam * J + p) * a,
+        shear * x - t / x + pressure * y * z,
+        -shear / 3.0 + 5.0 * t / (3.0 * x * x) + lam * (y * z) ** 2,
+        -2.0 / 3.0 * shear * (x / y + y / x) + 2.0 * t / (3.0 * x * y) + (lam * J + pressure) * z,
     )
+
+
+tangent = isotropic(slopes)

@@ -10,9 +10,11 @@ import numpy as np
 from ldsim.jit import njit
 
 Matrix: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
-Principal: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+Vector: TypeAlias = tuple[float, float, float]
 Symmetric: TypeAlias = tuple[float, float, float, float, float, float]
 
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+# Of Jacobi's method, which is done after three to five; one that is handed NaN ends as well.
 SWEEPS = 12
 
 
@@ -25,15 +27,40 @@ def determinant(A: Matrix) -> float:
 def combination(a: float, A: Matrix, b: float, B: Matrix) -> Matrix:
     """a A + b B."""
     return (
-        a * A[0] + b * B[0],
-        a * A[1] + b * B[1],
-        a * A[2] + b * B[2],
-        a * A[3] + b * B[3],
-        a * A[4] + b * B[4],
-        a * A[5] + b * B[5],
-        a * A[6] + b * B[6],
-        a * A[7] + b * B[7],
-        a * A[8] + b * B[8],
+        a * A[0] + b * B[0], a * A[1] + b * B[1], a * A[2] + b * B[2],
+        a * A[3] + b * B[3], a * A[4] + b * B[4], a * A[5] + b * B[5],
+        a * A[6] + b * B[6], a * A[7] + b * B[7], a * A[8] + b * B[8],
+    )  # fmt: skip
+
+
+@njit(cache=True, inline="always")
+def product(A: Matrix, B: Matrix) -> Matrix:
+    """A B."""
+    return (*_row(A[0], A[1], A[2], B), *_row(A[3], A[4], A[5], B), *_row(A[6], A[7], A[8], B))
+
+
+@njit(cache=True, inline="always")
+def _row(x: float, y: float, z: float, B: Matrix) -> Vector:
+    """(x, y, z) B."""
+    return x * B[0] + y * B[3] + z * B[6], x * B[1] + y * B[4] + z * B[7], x * B[2] + y * B[5] + z * B[8]
+
+
+@njit(cache=True, inline="always")
+def product_transposed(A: Matrix, B: Matrix) -> Matrix:
+    """A Bᵀ."""
+    return product(A, (B[0], B[3], B[6], B[1], B[4], B[7], B[2], B[5], B[8]))
+
+
+@njit(cache=True, inline="always")
+def gram(F: Matrix) -> Symmetric:
+    """FᵀF as (00, 11, 22, 01, 02, 12)."""
+    return (
+        F[0] * F[0] + F[3] * F[3] + F[6] * F[6],
+        F[1] * F[1] + F[4] * F[4] + F[7] * F[7],
+        F[2] * F[2] + F[5] * F[5] + F[8] * F[8],
+        F[0] * F[1] + F[3] * F[4] + F[6] * F[7],
+        F[0] * F[2] + F[3] * F[5] + F[6] * F[8],
+        F[1] * F[2] + F[4] * F[5] + F[7] * F[8],
     )
 
 
@@ -41,16 +68,10 @@ def combination(a: float, A: Matrix, b: float, B: Matrix) -> Matrix:
 def cofactor(A: Matrix) -> Matrix:
     """det(A) A^(−T), the derivative of the determinant."""
     return (
-        A[4] * A[8] - A[5] * A[7],
-        A[5] * A[6] - A[3] * A[8],
-        A[3] * A[7] - A[4] * A[6],
-        A[2] * A[7] - A[1] * A[8],
-        A[0] * A[8] - A[2] * A[6],
-        A[1] * A[6] - A[0] * A[7],
-        A[1] * A[5] - A[2] * A[4],
-        A[2] * A[3] - A[0] * A[5],
-        A[0] * A[4] - A[1] * A[3],
-    )
+        A[4] * A[8] - A[5] * A[7], A[5] * A[6] - A[3] * A[8], A[3] * A[7] - A[4] * A[6],
+        A[2] * A[7] - A[1] * A[8], A[0] * A[8] - A[2] * A[6], A[1] * A[6] - A[0] * A[7],
+        A[1] * A[5] - A[2] * A[4], A[2] * A[3] - A[0] * A[5], A[0] * A[4] - A[1] * A[3],
+    )  # fmt: skip
 
 
 @njit(cache=True, inline="always")
@@ -151,22 +172,29 @@ def clamped_symmetric(S: Symmetric) -> Symmetric:
     )
 
 
+@njit(cache=True, inline="always")
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, inline="always")
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, inline="always")
+def _times(A: Matrix, x: Vector) -> Vector:
+    return _dot((A[0], A[1], A[2]), x), _dot((A[3], A[4], A[5]), x), _dot((A[6], A[7], A[8]), x)
+
+
 @njit(cache=True)
-def signed_svd(F: Matrix) -> tuple[Matrix, tuple[float, float, float], Matrix]:
+def signed_svd(F: Matrix) -> tuple[Matrix, Vector, Matrix]:
     """F = U diag(σ) Vᵀ with U and V rotations; the last σ carries the sign of det F.
 
     V diagonalises FᵀF; the columns of F V, made orthonormal in order of their length, are U.
     """
-    l0, l1, l2, V = symmetric_eigen(
-        (
-            F[0] * F[0] + F[3] * F[3] + F[6] * F[6],
-            F[1] * F[1] + F[4] * F[4] + F[7] * F[7],
-            F[2] * F[2] + F[5] * F[5] + F[8] * F[8],
-            F[0] * F[1] + F[3] * F[4] + F[6] * F[7],
-            F[0] * F[2] + F[3] * F[5] + F[6] * F[8],
-            F[1] * F[2] + F[4] * F[5] + F[7] * F[8],
-        )
-    )
+    l0, l1, l2, V = symmetric_eigen(gram(F))
+    # the columns of the largest and the second stretch; the third follows as their cross product
     i, j = 0, 1
     if l1 > l0 and l1 >= l2:
         i, j = 1, 0 if l0 >= l2 else 2
@@ -174,35 +202,24 @@ def signed_svd(F: Matrix) -> tuple[Matrix, tuple[float, float, float], Matrix]:
         i, j = 2, 0 if l0 >= l1 else 1
     elif l2 > l1:
         j = 2
-    p0, p1, p2 = V[i], V[3 + i], V[6 + i]
-    q0, q1, q2 = V[j], V[3 + j], V[6 + j]
-    r0, r1, r2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
-    x0 = F[0] * p0 + F[1] * p1 + F[2] * p2
-    x1 = F[3] * p0 + F[4] * p1 + F[5] * p2
-    x2 = F[6] * p0 + F[7] * p1 + F[8] * p2
-    y0 = F[0] * q0 + F[1] * q1 + F[2] * q2
-    y1 = F[3] * q0 + F[4] * q1 + F[5] * q2
-    y2 = F[6] * q0 + F[7] * q1 + F[8] * q2
-    w0 = F[0] * r0 + F[1] * r1 + F[2] * r2
-    w1 = F[3] * r0 + F[4] * r1 + F[5] * r2
-    w2 = F[6] * r0 + F[7] * r1 + F[8] * r2
-    s0 = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
-    if s0 > 0.0:
-        x0, x1, x2 = x0 / s0, x1 / s0, x2 / s0
-    else:
-        x0, x1, x2 = 1.0, 0.0, 0.0
-    overlap = x0 * y0 + x1 * y1 + x2 * y2
-    y0, y1, y2 = y0 - overlap * x0, y1 - overlap * x1, y2 - overlap * x2
-    s1 = math.sqrt(y0 * y0 + y1 * y1 + y2 * y2)
+    p, q = (V[i], V[3 + i], V[6 + i]), (V[j], V[3 + j], V[6 + j])
+    r = _cross(p, q)
+    x, y = _times(F, p), _times(F, q)
+    s0 = math.sqrt(_dot(x, x))
+    x = (x[0] / s0, x[1] / s0, x[2] / s0) if s0 > 0.0 else (1.0, 0.0, 0.0)
+    overlap = _dot(x, y)
+    y = (y[0] - overlap * x[0], y[1] - overlap * x[1], y[2] - overlap * x[2])
+    s1 = math.sqrt(_dot(y, y))
+    # a solid crushed to a line leaves no second direction: any one across the first will do
     if s1 > 1e-14 * s0:
-        y0, y1, y2 = y0 / s1, y1 / s1, y2 / s1
-    elif abs(x0) < 0.8:
-        scale = 1.0 / math.sqrt(x1 * x1 + x2 * x2)
-        y0, y1, y2 = 0.0, x2 * scale, -x1 * scale
+        y = (y[0] / s1, y[1] / s1, y[2] / s1)
+    elif abs(x[0]) < 0.8:
+        scale = 1.0 / math.sqrt(x[1] * x[1] + x[2] * x[2])
+        y = (0.0, x[2] * scale, -x[1] * scale)
     else:
-        scale = 1.0 / math.sqrt(x0 * x0 + x2 * x2)
-        y0, y1, y2 = x2 * scale, 0.0, -x0 * scale
-    z0, z1, z2 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
-    s2 = z0 * w0 + z1 * w1 + z2 * w2
-    U = (x0, y0, z0, x1, y1, z1, x2, y2, z2)
-    return U, (s0, s1, s2), (p0, q0, r0, p1, q1, r1, p2, q2, r2)
+        scale = 1.0 / math.sqrt(x[0] * x[0] + x[2] * x[2])
+        y = (x[2] * scale, 0.0, -x[0] * scale)
+    z = _cross(x, y)
+    s2 = _dot(z, _times(F, r))
+    U = (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
+    return U, (s0, s1, s2), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])

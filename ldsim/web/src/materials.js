@@ -18,8 +18,10 @@ export function energyStress(kind, F, mu, lam, P) {
       return kirchhoff(F, mu, lam, P);
     case FIXED_COROTATED:
       return corotated(F, mu, lam, P);
-    default:
+    case LINEAR:
       return linear(F, mu, lam, P);
+    default:
+      throw new Error(`no material has the number ${kind}`);
   }
 }
 

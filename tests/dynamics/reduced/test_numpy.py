@@ -15,7 +15,7 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.mechanics.loads import Grab, Loads
-from ldsim.mechanics.materials import lame_parameters
+from ldsim.mechanics.properties import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
 from tests.dynamics.reduced.test_stepper import some_basis
