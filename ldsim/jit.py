@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, overload
 
 import numba
 import numpy as np
@@ -116,7 +116,11 @@ Result = TypeVar("Result")
 STRICT: dict[str, Any] = {"fastmath": False, "error_model": "python", "forceinline": False}
 
 
-def njit(function: Callable[..., Any] | None = None, **options: object) -> Any:
+@overload
+def njit(function: Loop, /) -> Loop: ...
+@overload
+def njit(**options: object) -> Callable[[Loop], Loop]: ...
+def njit(function: Any = None, /, **options: object) -> Any:
     """Numba's `njit`, to be used bare or with options; strict arithmetic unless they say otherwise."""
     return numba.njit(function, **{**STRICT, **options})
 
@@ -132,7 +136,7 @@ def kernel(**options: object) -> Callable[[Loop], Loop]:
         options: more of numba's, such as fastmath.
     """
     every: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, **options}
-    return cast(Callable[[Loop], Loop], njit(**every))
+    return njit(**every)
 
 
 @kernel()

@@ -101,14 +101,16 @@ class OfInvariants(Material):
     def stress(self, F: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
         C = cofactor(F)
         by_I1, by_J, *_ = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
-        return 2 * by_I1 * F + by_J * C
+        P: Tensor = 2 * by_I1 * F + by_J * C
+        return P
 
     def tangent(self, F: Tensor, X: Tensor, mu: Tensor, lam: Tensor) -> Tensor:
         C = cofactor(F)
         by_I1, by_J, twice_I1, mixed, twice_J = self.slopes(inner(F, F), (F[0] * C[0]).sum(0), mu, lam)
         dI1, dJ = 2 * inner(F, X), inner(C, X)
         along_F, along_C = 2 * (twice_I1 * dI1 + mixed * dJ), mixed * dI1 + twice_J * dJ
-        return 2 * by_I1 * X + by_J * _cofactor_change(F, X) + along_F * F + along_C * C
+        dP: Tensor = 2 * by_I1 * X + by_J * _cofactor_change(F, X) + along_F * F + along_C * C
+        return dP
 
 
 def _determinant(F: Tensor) -> Tensor:

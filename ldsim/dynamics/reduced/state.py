@@ -101,5 +101,5 @@ class ReducedState:
         return self._field(5)
 
     def _field(self, number: int) -> Array:
-        found: Array = fields.py_func(self.data, self.r, self.k)[number]
+        found: Array = fields.py_func(self.data, self.r, self.k)[number]  # type: ignore[attr-defined]
         return found

@@ -105,7 +105,7 @@ def energy_stress(kind: int, F: Matrix, mu: float, lam: float) -> tuple[float, M
 def energy(kind: int, F: Matrix, mu: float, lam: float) -> float:
     """Ψ(F) alone; the compiler drops what only the stress needs."""
     density, _ = _stress(kind, F, mu, lam)
-    return density
+    return float(density)
 
 
 @njit(cache=True)
