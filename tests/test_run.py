@@ -1,0 +1,175 @@
+"""A run: opened lazily, checked once, and the spaces and steppers that it makes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldsim.artefacts.records import read_model, write_model, write_scene
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.stepper import Stepper
+from ldsim.errors import ArtefactError
+from ldsim.mechanics.loads import Loads
+from ldsim.run import Run
+from ldsim.space.space import Space
+from tests.report import small_run
+from tests.simulator.playable import KP, K, R, header, solid, write_playable
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("playable")
+    write_playable(path, resolution=1)
+    return path
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    write_playable(tmp_path, resolution=1)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """A run with snapshots of two motions."""
+    path = tmp_path_factory.mktemp("small")
+    small_run.write_run(path)
+    with Run.open(path) as run:
+        yield run
+
+
+def test_a_run_reads_nothing_before_it_is_asked_for(own: Path) -> None:
+    for kind in ("basis", "model", "cubature"):
+        (own / f"{kind}.h5").write_bytes(b"no artefact")
+    run = Run.open(own)
+    assert run.experiment == "playable"
+    assert run.scene.mesh.n_vertices == solid(1).mesh.n_vertices
+    assert run.space("full").r == 3 * run.scene.mesh.n_vertices
+    for kind in ("basis", "model", "cubature"):
+        with pytest.raises(ArtefactError, match=f"{kind}.h5"):
+            getattr(run, kind)
+
+
+def test_an_artefact_is_read_once(folder: Path) -> None:
+    run = Run.open(folder)
+    for kind in ("scene", "pca", "model", "cubature"):
+        assert getattr(run, kind) is getattr(run, kind)
+    assert run.basis is run.pca.basis
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArtefactError, match="nothing is not the folder of a run; give one such as runs/demo"):
+        Run.open(tmp_path / "nothing")
+    with pytest.raises(ArtefactError, match="scene.h5 does not exist; run `ldsim mesh` first"):
+        Run.open(tmp_path)
+
+
+def test_an_artefact_of_another_scene_is_refused_by_name(own: Path) -> None:
+    write_scene(own / "scene.h5", header(own, "scene"), replace(solid(1), gravity=np.zeros(3)))
+    run = Run.open(own)
+    assert not run.scene.gravity.any()
+    for _ in range(2):  # what was refused is not kept
+        with pytest.raises(ArtefactError, match="basis.h5 was made from another scene than .*scene.h5"):
+            run.basis  # noqa: B018
+    with pytest.raises(ArtefactError, match="cubature.h5 was made from another scene than .*scene.h5"):
+        run.space("latent")
+
+
+def test_an_artefact_of_another_experiment_is_refused_by_name(folder: Path) -> None:
+    run = Run(folder, "other")
+    with pytest.raises(ArtefactError, match="scene.h5 belongs to the experiment 'playable', expected 'other'"):
+        run.scene  # noqa: B018
+
+
+def test_what_a_stage_has_written_is_read_anew(own: Path) -> None:
+    run = Run.open(own)
+    before, hash_before = run.model, run.hash("model")
+    stored, _ = read_model(own / "model.h5")
+    write_model(own / "model.h5", header(own, "model", activation="elu"), replace(stored, kp=KP - 1))
+    assert run.model is before and run.hash("model") == hash_before
+    run.written("model")
+    assert run.model.kp == KP - 1 and run.hash("model") != hash_before
+    with pytest.raises(ArtefactError, match="cubature.h5 was made from another model"):
+        run.space("linear")
+
+
+def by_hand(run: Run, name: str) -> Space:
+    if name == "full":
+        return Space.full(run.scene)
+    stored, model = run.cubature[name], run.model
+    if name == "linear":
+        return Space.linear(run.scene, run.basis, model.kp, stored.stepped)
+    return Space.latent(run.scene, run.basis, (model.decoder, model.encoder), stored.stepped)
+
+
+@pytest.mark.parametrize(("name", "r", "k"), [("latent", R, K), ("linear", KP, KP), ("full", None, None)])
+def test_a_space_and_its_stepper_are_those_made_by_hand(folder: Path, name: str, r: int | None, k: int | None) -> None:
+    run = Run.open(folder)
+    space, expected, size = run.space(name), by_hand(run, name), 3 * run.scene.mesh.n_vertices
+    assert (space.name, space.r, space.decoder.k) == (name, r or size, k or size)
+    np.testing.assert_array_equal(space.rule.points, expected.rule.points)
+    np.testing.assert_array_equal(space.rule.weights, expected.rule.weights)
+    alone: Stepper = (  # type: ignore[type-arg]
+        FullStepper(run.scene, FullOptions(tolerance=1e-7))
+        if name == "full"
+        else ReducedStepper(expected, ReducedOptions(tolerance=1e-7))
+    )
+    for some in (run.stepper(name, 1e-7), run.stepper(space, 1e-7)):
+        state, other = some.rest(), alone.rest()
+        for _ in range(3):
+            state, other = some.step(state, Loads())[0], alone.step(other, Loads())[0]  # type: ignore[arg-type]
+        np.testing.assert_array_equal(some.displacement(state), alone.displacement(other))  # type: ignore[arg-type]
+    assert np.abs(alone.displacement(other)).max() > 1e-4
+
+
+def test_the_usual_tolerance_is_that_of_the_space(folder: Path) -> None:
+    run = Run.open(folder)
+    full, latent = run.stepper("full"), run.stepper("latent")
+    assert full.options == FullOptions() and latent.options == ReducedOptions()
+
+
+def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(folder: Path) -> None:
+    run = Run.open(folder)
+    every = run.scene.points.n_points
+    few = len(run.cubature["latent"].ladder[0].points)
+    assert run.space("latent").rule.maps is not None
+    for points, found in ((every, every), (every - 1, few), (few, few)):
+        rule = run.space("latent", points).rule
+        assert len(rule.points) == found and rule.maps is None
+    assert len(run.space("linear").rule.points) == every
+    assert len(run.space("linear", few).rule.points) == few
+
+
+def test_a_space_that_is_none_is_refused(folder: Path) -> None:
+    with pytest.raises(ArtefactError, match="space is 'latnet'; known are full, linear, latent"):
+        Run.open(folder).space("latnet")
+
+
+def test_a_motion_is_given_back_as_it_was_recorded(small: Run) -> None:
+    assert small.snapshots.names == list(small_run.FRAMES)
+    for name, frames in small_run.FRAMES.items():
+        recorded = small.recorded(name)
+        (drag,) = recorded.motion.drags
+        assert (recorded.motion.name, recorded.motion.frames, drag.start, drag.at_rest) == (name, frames, 2, True)
+        np.testing.assert_array_equal(recorded.held[0], range(3))
+
+
+def test_a_closed_run_opens_its_snapshots_again(small: Run) -> None:
+    first = small.snapshots
+    assert small.snapshots is first
+    small.close()
+    assert small.snapshots is not first
+    assert small.recorded("push").motion.frames == small_run.FRAMES["push"]
+
+
+def test_spaces_of_a_run_whose_pins_stand_still_have_a_lifting_of_nothing(small: Run, folder: Path) -> None:
+    lifting = small.space("latent").lifting
+    assert lifting is not None and lifting.count == 0
+    assert Run.open(folder).space("latent").lifting is None
