@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from ldsim.run import Run
-from ldsim.export.playback import playback
 from tests.report.small_run import write_run
 
 
@@ -19,5 +19,6 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def source(run_folder: Path) -> Source:
-    return Source(run_folder)
+def run(run_folder: Path) -> Iterator[Run]:
+    with Run.open(run_folder) as found:
+        yield found

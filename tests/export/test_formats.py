@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.errors import ExportError
+from ldsim.errors import ArtefactError, ExportError
 from ldsim.export import formats
 from ldsim.export.formats import FORMATS, Choice, Extra, Format, export
-from ldsim.run import Run
 from ldsim.export.playback import playback
+from ldsim.run import Run
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_writes_its_file_or_folder(source: Source, tmp_path: Path, name: str) -> None:
+def test_every_format_writes_its_file_or_folder(run: Run, tmp_path: Path, name: str) -> None:
     wanted = FORMATS[name]
     if wanted.extra is not None and importlib.util.find_spec(wanted.extra.module) is None:
         pytest.skip(f"{wanted.extra.module} is not installed: {wanted.extra.install}")
-    path, what = export(source, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
+    path, what = export(run, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
     assert path.is_file() if wanted.suffix else any(path.iterdir())
     assert what == ("2 frames of push in the latent space" if wanted.motion else "the reduced model")
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
@@ -30,9 +30,9 @@ def test_a_format_writes_a_motion_or_a_model(name: str) -> None:
     assert (FORMATS[name].motion is None) != (FORMATS[name].model is None)
 
 
-def test_without_an_output_the_file_goes_into_the_run(source: Source) -> None:
-    path, _ = export(source, Choice("gltf", "push"))
-    assert path == source.folder / "export" / "push-latent.glb"
+def test_without_an_output_the_file_goes_into_the_run(run: Run) -> None:
+    path, _ = export(run, Choice("gltf", "push"))
+    assert path == run.folder / "export" / "push-latent.glb"
 
 
 REFUSED = {
@@ -49,35 +49,35 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_does_not_suit_is_refused_and_nothing_is_written(source: Source, tmp_path: Path, case: str) -> None:
+def test_what_does_not_suit_is_refused_and_nothing_is_written(run: Run, tmp_path: Path, case: str) -> None:
     choice, output, words = REFUSED[case]
     (tmp_path / "taken.glb").mkdir()
     with pytest.raises(ExportError) as refusal:
-        export(source, choice, tmp_path / (output or "a.glb"))
+        export(run, choice, tmp_path / (output or "a.glb"))
     assert words in str(refusal.value)
     assert [entry.name for entry in tmp_path.rglob("*")] == ["taken.glb"]
 
 
 def test_a_missing_package_is_named_with_what_installs_it(
-    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = Format("nothing", ".no", motion=FORMATS["gltf"].motion, extra=Extra("not_there", "pip install 'it'"))
     monkeypatch.setitem(formats.FORMATS, "no", missing)
     with pytest.raises(ExportError, match="needs the package not_there, which is not installed; run pip install 'it'"):
-        export(source, Choice("no"), tmp_path / "a.no")
+        export(run, Choice("no"), tmp_path / "a.no")
 
 
 def test_no_folder_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(ExportError, match="does not exist; expected a folder with scene.h5"):
-        Source(tmp_path / "nothing")
+    with pytest.raises(ArtefactError, match="is not the folder of a run"):
+        Run.open(tmp_path / "nothing")
 
 
 def test_a_run_that_diverged_is_exported_up_to_there(tmp_path: Path) -> None:
     from tests.report.small_run import LOST_FROM, write_run
 
     write_run(tmp_path, lost=("latent", "push"))
-    playback = Source(tmp_path).playback("push", "latent")
-    assert playback.frames == LOST_FROM
-    path, what = export(Source(tmp_path), Choice("gltf", "push"))
+    with Run.open(tmp_path) as run:
+        assert playback(run, "push", "latent").frames == LOST_FROM
+        path, what = export(run, Choice("gltf", "push"))
     assert path.is_file()
     assert what == f"{LOST_FROM} frames of push in the latent space, 6 left out because the run diverged"

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ldsim.errors import ExportError
 from ldsim.export.gltf import normal_derivative, vertex_normals, write_glb
-from ldsim.run import Run
-from ldsim.mesh.surface import Surface
 from ldsim.export.playback import playback
+from ldsim.mesh.surface import Surface
+from ldsim.run import Run
 from tests.helpers import derivative_order
 
 Array = NDArray[np.float64]
@@ -67,59 +67,59 @@ def read_glb(path: Path) -> tuple[dict[str, Any], Accessor]:
     return document, accessor
 
 
-def test_playing_the_morph_targets_gives_the_deformed_surface(source: Source, space: str, tmp_path: Path) -> None:
-    playback = source.playback("pull_1", space)
-    write_glb(playback, tmp_path / "a.glb")
+def test_playing_the_morph_targets_gives_the_deformed_surface(run: Run, space: str, tmp_path: Path) -> None:
+    played = playback(run, "pull_1", space)
+    write_glb(played, tmp_path / "a.glb")
     document, accessor = read_glb(tmp_path / "a.glb")
     primitive = document["meshes"][0]["primitives"][0]
     sampler = document["animations"][0]["samplers"][0]
     times, weights = accessor(sampler["input"]), accessor(sampler["output"])
     rest = accessor(primitive["attributes"]["POSITION"])
     targets = np.stack([accessor(target["POSITION"]) for target in primitive["targets"]])
-    surface = Surface.of(playback.mesh)
+    surface = Surface.of(played.mesh)
     np.testing.assert_array_equal(accessor(primitive["indices"]).reshape(-1, 3), surface.triangles)
-    np.testing.assert_allclose(times, [playback.time(i) for i in range(playback.frames)], rtol=1e-6)
+    np.testing.assert_allclose(times, [played.time(i) for i in range(played.frames)], rtol=1e-6)
     assert np.abs(weights).max() <= 1
-    for frame, w in enumerate(weights.reshape(playback.frames, -1)):
-        played = rest + np.einsum("j,jvi->vi", w, targets)
-        expected = (playback.mesh.vertices + playback.displacement(frame))[surface.vertices]
-        np.testing.assert_allclose(played, expected, atol=4 * np.finfo(np.float32).eps * playback.mesh.diagonal)
+    for frame, w in enumerate(weights.reshape(played.frames, -1)):
+        morphed = rest + np.einsum("j,jvi->vi", w, targets)
+        expected = (played.mesh.vertices + played.displacement(frame))[surface.vertices]
+        np.testing.assert_allclose(morphed, expected, atol=4 * np.finfo(np.float32).eps * played.mesh.diagonal)
 
 
-def test_the_morphed_normals_are_those_of_the_deformed_surface_to_first_order(source: Source) -> None:
-    surface = Surface.of(source.scene.mesh)
-    x = source.scene.mesh.vertices[surface.vertices]
-    d = source.basis[:, 2].reshape(-1, 3)[surface.vertices]
+def test_the_morphed_normals_are_those_of_the_deformed_surface_to_first_order(run: Run) -> None:
+    surface = Surface.of(run.scene.mesh)
+    x = run.scene.mesh.vertices[surface.vertices]
+    d = run.basis.matrix[:, 2].reshape(-1, 3)[surface.vertices]
     order = derivative_order(
         lambda y: vertex_normals(y, surface.triangles),
         lambda y: normal_derivative(y, surface.triangles, d),
         x,
         d,
-        size=0.1 * source.scene.mesh.diagonal / np.abs(d).max(),
+        size=0.1 * run.scene.mesh.diagonal / np.abs(d).max(),
     )
     assert order > 1.9
 
 
-def test_the_node_turns_gravity_downward(source: Source, tmp_path: Path) -> None:
-    write_glb(source.playback("push", "latent"), tmp_path / "a.glb")
+def test_the_node_turns_gravity_downward(run: Run, tmp_path: Path) -> None:
+    write_glb(playback(run, "push", "latent"), tmp_path / "a.glb")
     x, y, z, w = read_glb(tmp_path / "a.glb")[0]["nodes"][0]["rotation"]
-    down = source.scene.gravity / np.linalg.norm(source.scene.gravity)
+    down = run.scene.gravity / np.linalg.norm(run.scene.gravity)
     twice = 2 * np.cross([x, y, z], down)
     np.testing.assert_allclose(down + w * twice + np.cross([x, y, z], twice), [0, -1, 0], atol=1e-12)
 
 
-def test_the_full_space_is_refused(source: Source, tmp_path: Path) -> None:
+def test_the_full_space_is_refused(run: Run, tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="use --space linear or latent"):
-        write_glb(source.playback("push", "full"), tmp_path / "a.glb")
+        write_glb(playback(run, "push", "full"), tmp_path / "a.glb")
 
 
-def test_khronos_validator_has_nothing_to_report(source: Source, space: str, tmp_path: Path) -> None:
+def test_khronos_validator_has_nothing_to_report(run: Run, space: str, tmp_path: Path) -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("node is not installed")
     if subprocess.run([node, "-e", "require('gltf-validator')"], cwd=ROOT, capture_output=True).returncode:
         pytest.skip("Khronos' validator is not installed: npm install --no-save gltf-validator")
-    write_glb(source.playback("pull_1", space), tmp_path / "a.glb")
+    write_glb(playback(run, "pull_1", space), tmp_path / "a.glb")
     done = subprocess.run(
         [node, "-e", VALIDATE, str(tmp_path / "a.glb")], cwd=ROOT, capture_output=True, text=True, check=True
     )

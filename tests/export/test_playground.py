@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.export.playground import write_playground
-from ldsim.run import Run
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mesh.surface import Surface
-from ldsim.export.playback import playback
-from ldsim.mechanics.loads import Grab
+from ldsim.run import Run
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
@@ -43,7 +42,8 @@ STEPS = 20
 @pytest.fixture(scope="module")
 def page(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "playground.html"
-    write_playground(Source(run_folder), path)
+    with Run.open(run_folder) as run:
+        write_playground(run, path)
     return path
 
 
@@ -98,7 +98,7 @@ def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened:
 
 
 @pytest.mark.parametrize("space", ["latent", "linear"])
-def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, source: Source, space: str) -> None:
+def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, run: Run, space: str) -> None:
     opened.evaluate(f"ldsim.source.send('spaces', {{ value: [{space!r}] }})")
     opened.wait(f"ldsim.ready && ldsim.stage.shapes[0].space.space === {space!r}")
     held = pull(opened)
@@ -106,12 +106,13 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, sou
     opened.wait("ldsim.q(0).every((x, i) => x === Math.fround(ldsim.source.shown[0].q[i]))")
     seen = np.array(opened.evaluate("ldsim.positions(0)")).reshape(-1, 3)
     opened.mouse("mouseReleased", (0, 0))
-    some, body = source.spaces[space], source.scene
-    stepper = ReducedStepper(body, some.U, some.decoder, some.cubature, tolerance=1e-9)
-    state = ReducedState.at_rest(some.decoder)
+    body = run.scene
+    stepper = run.stepper(space, tolerance=1e-9)
+    assert isinstance(stepper, ReducedStepper)
+    state = stepper.rest()
     grab = Grab(np.array(held["held"]), np.array(held["target"]), held["stiffness"])
     for _ in range(STEPS):
-        state, _ = stepper.step(state, [grab])
+        state, _ = stepper.step(state, Loads((grab,)))
     u = stepper.displacement(state)
     surface = Surface.of(body.mesh)
     assert np.abs(u).max() > 0.01 * body.mesh.diagonal

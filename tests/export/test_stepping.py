@@ -11,21 +11,23 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.stepper import simulate
 from ldsim.export.arrays import safetensors, space_arrays
 from ldsim.export.playground import PAGE_MATERIALS
-from ldsim.mechanics.loads import MotionLoads, held_vertices
+from ldsim.mechanics.loads import held_vertices
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
-from ldsim.space.space import Space
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
 from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
+from ldsim.space.space import Space
 from tests.export.javascript import needs_node, run_javascript
-from tests.helpers import bent, scene
+from tests.helpers import bent, reduced_space, scene
 from tests.mechanics.material_vectors import LAM, MU, read, stress_change
 
 pytestmark = needs_node
@@ -128,26 +130,17 @@ def swing(body: Scene) -> Motion:
     return Motion("swing", FRAMES, tuple(drags))
 
 
-def play_in_python(body: Scene, space: ReducedSpace, motion: Motion, tracker: GrabTracker) -> tuple[Array, list[int]]:
-    stepper = ReducedStepper(body, space.U, space.decoder, space.cubature, tolerance=1e-9)
-    state, q, iterations = ReducedState.at_rest(space.decoder), np.empty((motion.frames, K)), []
-    for frame in range(motion.frames):
-        state, solution = stepper.step(state, tracker.grabs(frame))
-        q[frame] = state.q
-        iterations.append(solution.iterations)
-    return q, iterations
-
-
-def packed(body: Scene, space: ReducedSpace) -> str:
+def packed(space: Space) -> str:
+    body = space.scene
     arrays = {
         "vertices": body.mesh.vertices,
-        "basis": space.U,
+        "basis": space.reduced_basis.matrix,
         "surface_triangles": np.array([[0, 1, 2]], dtype=np.int32),
         "movable": body.movable.astype(np.uint8),
         "time_step": np.array([body.time_step]),
         "gravity": body.gravity,
     }
-    some = {f"some/{name}": values for name, values in space_arrays(body, space).items()}
+    some = {f"some/{name}": values for name, values in space_arrays(space).items()}
     return base64.b64encode(safetensors(arrays | some, {})).decode()
 
 
@@ -162,10 +155,11 @@ def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder(
         decoder = Decoder.identity(K) if activation == "identity" else curved(activation)
         points = np.arange(0, body.points.n_points, 3)
         cubature = CubatureRule(points, 3 * body.points.weights[points], 0.0)
-        space, motion = ReducedSpace(some_basis(body), decoder, cubature), swing(body)
-        tracker = GrabTracker(motion, body.mesh.vertices, body.movable)
-        q, iterations = play_in_python(body, space, motion, tracker)
-        expected.append((q, iterations, space.U))
+        U, motion = some_basis(body), swing(body)
+        space = reduced_space(body, U, decoder, cubature)
+        frames = list(simulate(ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500)), motion))
+        q, iterations = np.array([f.state.q for f in frames]), [f.solution.iterations for f in frames]
+        expected.append((q, iterations, U))
         grabs = [
             [
                 {"drag": i, "stiffness": motion.drags[i].stiffness, "target": target.tolist()}
@@ -174,8 +168,8 @@ def test_a_motion_of_a_hundred_frames_is_the_same_in_every_material_and_decoder(
             ]
             for frame in range(FRAMES)
         ]
-        held = {drag: vertices.tolist() for drag, vertices in tracker.held.items()}
-        given.append({"model": packed(body, space), "grabs": grabs, "taken": held})
+        held = {drag: vertices.tolist() for drag, vertices in frames[-1].held.items()}
+        given.append({"model": packed(space), "grabs": grabs, "taken": held})
     for case, played, (q, iterations, U) in zip(CASES, run_javascript(PLAY, given), expected, strict=True):
         assert all(frame["converged"] for frame in played), case
         u, u_expected = (np.array(x) @ U.T for x in ([frame["q"] for frame in played], q))
@@ -188,7 +182,7 @@ def test_a_drag_takes_hold_of_the_same_vertices() -> None:
     body = scene(beam(resolution=2))
     U = orthonormalised(bent(body.mesh).reshape(-1, 1) * np.repeat(body.movable, 3)[:, None], body.mass).matrix
     q = U.T @ (body.mass @ (bent(body.mesh) * body.movable[:, None])).ravel()
-    space = ReducedSpace(U, Decoder.identity(1), CubatureRule(np.arange(3), np.ones(3), 0.0))
+    space = reduced_space(body, U, rule=CubatureRule(np.arange(3), np.ones(3), 0.0))
     positions = body.mesh.vertices + (U @ q).reshape(-1, 3)
     point, radius = positions[body.mesh.vertices[:, 0].argmax()] + 1e-3, 0.4 * np.ptp(body.mesh.vertices[:, 1])
     drag = Drag(0, point, point[None], radius, 1.0)
@@ -200,6 +194,6 @@ def test_a_drag_takes_hold_of_the_same_vertices() -> None:
     displaced(rest, arrays.basis.data, 1, Float64Array.from(given.q), positions);
     result = held(positions, arrays.movable.data, given.point, given.radius);
     """
-    given = {"model": packed(body, space), "point": point.tolist(), "radius": radius, "q": q.tolist()}
+    given = {"model": packed(space), "point": point.tolist(), "radius": radius, "q": q.tolist()}
     assert 1 < len(expected) < body.mesh.n_vertices / 2
     assert run_javascript(program, given) == expected.tolist()
