@@ -13,12 +13,12 @@ from typing import Any
 import click
 
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
-from ldsim.artefacts.store import HEADER
-from ldsim.cli.main import COMMANDS, main
-from ldsim.cli.stage import FILES
+from ldsim.artefacts.store import HEADER, STAGE_OF
+from ldsim.cli.app import COMMANDS, main
 from ldsim.optimise.solution import Reason
+from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
-from ldsim.settings import DATA_VARIABLE, STAGES, Settings
+from ldsim.settings import STAGES, Settings
 
 HERE = Path(__file__).parent / "reference"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
@@ -219,8 +219,8 @@ def artefacts_page() -> str:
     text = MADE.format(source="ldsim/artefacts/schema.py") + ARTEFACTS_INTRODUCTION
     text += "".join(f"| {name} | {meaning} |\n" for name, meaning in HEADER_MEANINGS.items())
     text += f"\n## Symbols\n\n{SYMBOLS}\n"
-    for stage, (kind, file) in zip(STAGES, FILES.items(), strict=False):
-        text += f"\n## {file}\n\nKind `{kind}`, written by `ldsim {stage}`."
+    for kind, stage in STAGE_OF.items():
+        text += f"\n## {kind}.h5\n\nKind `{kind}`, written by `ldsim {stage}`."
         text += f" {NOTES[kind]}\n\n" if kind in NOTES else "\n\n"
         text += "| dataset | type | shape | unit | meaning |\n|---|---|---|---|---|\n"
         text += "".join(_dataset_row(entry) for entry in SCHEMAS[kind])

@@ -1,5 +1,5 @@
 """`python -m ldsim`."""
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 
 main(prog_name="ldsim")

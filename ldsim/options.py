@@ -11,12 +11,18 @@ the messages about a wrong value come from the declarations.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic import Field as Field
+from pydantic import field_validator as field_validator
 from pydantic import model_validator as model_validator
+
+from ldsim.errors import SettingsError
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -38,3 +44,69 @@ class Options(BaseModel):
         content = self.model_dump(mode="json", exclude_unset=not defaults)
         text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
         return text
+
+
+Given = TypeVar("Given", bound=Options)
+
+
+def read_options(path: Path, what: str, kind: type[Given]) -> Given:
+    """Read and check a YAML file: the options of a configuration, or of a script.
+
+    Raises:
+        SettingsError: the file is missing or not YAML, or a key or value is not allowed; one line names each fault
+            with its path, what was got and what is allowed.
+    """
+    if not path.is_file():
+        raise SettingsError(f"{what} {path} does not exist; examples lie in configs/")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise SettingsError(f"{what} {path} is not valid YAML: {reason}") from error
+    if content is None:
+        raise SettingsError(f"{what} {path} is empty; examples lie in configs/")
+    if not isinstance(content, dict):
+        raise SettingsError(f"{what} {path} holds {type(content).__name__}; expected a mapping of sections")
+    return checked_options(content, f"{what} {path}", kind)
+
+
+def checked_options(content: Mapping[str, Any], source: str, kind: type[Given]) -> Given:
+    """The same of what was read, or made, elsewhere; `source` names it in messages."""
+    try:
+        return kind.model_validate(dict(content))
+    except ValidationError as error:
+        faults = "; ".join(_fault(dict(fault), source.split()[0], kind) for fault in error.errors())
+        raise SettingsError(f"{source}: {faults}") from error
+
+
+def _fault(fault: dict[str, Any], what: str, root: type[BaseModel]) -> str:
+    """One fault in words: the key's path, what is wrong, what was got, and the nearest known key."""
+    where = ".".join(str(step) for step in fault["loc"]) or what
+    if fault["type"] == "extra_forbidden":
+        known = _known_keys(fault["loc"][:-1], root)
+        near = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
+        return f"unknown key {where!r}; {hint}"
+    if fault["type"] == "missing":
+        return f"{where} is missing"
+    got = "" if isinstance(fault["input"], dict | list) else f", got {fault['input']!r}"
+    message = fault["msg"].removeprefix("Value error, ")
+    return f"{where}: {message[:1].lower()}{message[1:]}{got}"
+
+
+def _known_keys(location: tuple[int | str, ...], root: type[BaseModel]) -> list[str]:
+    """The keys of the section at a path; union members and list indices are passed through."""
+    sections: list[type[BaseModel]] = [root]
+    for step in location:
+        if isinstance(step, int):
+            continue
+        fields = [section.model_fields[step] for section in sections if step in section.model_fields]
+        sections = [inner for field in fields for inner in _sections_in(field.annotation)]
+    return [key for section in sections for key in section.model_fields]
+
+
+def _sections_in(annotation: object) -> list[type[BaseModel]]:
+    """The sections named anywhere in a type."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [section for inner in getattr(annotation, "__args__", ()) for section in _sections_in(inner)]

@@ -123,7 +123,7 @@ def test_numerics_know_neither_artefacts_nor_settings_nor_commands() -> None:
 def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     code = (
         "import sys\n"
-        "from ldsim.cli.main import main\n"
+        "from ldsim.cli.app import main\n"
         "try:\n"
         f"    main({arguments})\n"
         "except SystemExit:\n"

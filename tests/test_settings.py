@@ -12,16 +12,10 @@ import yaml
 
 from ldsim.errors import SettingsError
 from ldsim.learn.options import TrainOptions
-from ldsim.settings import (
-    STAGES,
-    Settings,
-    dump,
-    load_script,
-    load_settings,
-    resolve_path,
-    stage_settings,
-    stamp,
-)
+from ldsim.mechanics.options import ScriptOptions
+from ldsim.options import read_options
+from ldsim.pipeline.files import resolve_path
+from ldsim.settings import STAGES, Settings, load_settings, stamp
 
 SMALLEST: dict[str, Any] = {
     "experiment": "small",
@@ -177,21 +171,20 @@ def test_a_file_that_is_no_configuration_is_refused_in_one_line(tmp_path: Path, 
 def test_what_is_dumped_with_defaults_loads_as_the_same_settings(tmp_path: Path) -> None:
     settings = load_settings(written(tmp_path, SMALLEST))
     again = tmp_path / "again.yaml"
-    again.write_text(dump(settings), encoding="utf-8")
+    again.write_text(settings.dump(), encoding="utf-8")
     assert load_settings(again) == settings
-    assert dump(load_settings(again)) == dump(settings)
+    assert load_settings(again).dump() == settings.dump()
 
 
 def test_every_stage_has_a_section(tmp_path: Path) -> None:
     settings = load_settings(written(tmp_path, SMALLEST))
     assert set(STAGES) | {"experiment"} == set(Settings.model_fields)
     for stage in STAGES:
-        name = type(stage_settings(settings, stage)).__name__
-        assert name in (f"{stage.capitalize()}Settings", f"{stage.capitalize()}Options")
+        assert settings.section(stage) is getattr(settings, stage)
 
 
 def stamps(config: Path) -> dict[str, str]:
-    return {stage: stamp(load_settings(config), stage, config) for stage in STAGES}
+    return {stage: stamp(load_settings(config), stage, config.parent) for stage in STAGES}
 
 
 @pytest.fixture
@@ -238,7 +231,7 @@ def test_without_the_data_variable_the_message_says_what_is_missing_and_where_to
 ) -> None:
     monkeypatch.delenv("LDSIM_DATA", raising=False)
     with pytest.raises(SettingsError, match=r"\$LDSIM_DATA/x\.mesh needs .* LDSIM_DATA.*lawsonfulton/AutoDef"):
-        resolve_path("$LDSIM_DATA/x.mesh", tmp_path / "c.yaml")
+        resolve_path("$LDSIM_DATA/x.mesh", tmp_path)
 
 
 def test_a_file_missing_from_the_data_folder_is_named_with_the_variable(
@@ -246,7 +239,7 @@ def test_a_file_missing_from_the_data_folder_is_named_with_the_variable(
 ) -> None:
     monkeypatch.setenv("LDSIM_DATA", str(tmp_path))
     with pytest.raises(SettingsError, match=r"x\.mesh does not exist; LDSIM_DATA says"):
-        resolve_path("${LDSIM_DATA}/x.mesh", tmp_path / "c.yaml")
+        resolve_path("${LDSIM_DATA}/x.mesh", tmp_path)
 
 
 def test_a_path_is_relative_to_the_configuration_unless_it_starts_with_the_data_variable(
@@ -257,8 +250,8 @@ def test_a_path_is_relative_to_the_configuration_unless_it_starts_with_the_data_
         folder.mkdir()
         (folder / "x.mesh").touch()
     monkeypatch.setenv("LDSIM_DATA", str(data))
-    assert resolve_path("x.mesh", configs / "c.yaml") == configs / "x.mesh"
-    assert resolve_path("$LDSIM_DATA/x.mesh", configs / "c.yaml") == data / "x.mesh"
+    assert resolve_path("x.mesh", configs) == configs / "x.mesh"
+    assert resolve_path("$LDSIM_DATA/x.mesh", configs) == data / "x.mesh"
 
 
 def of_motions(roles: list[str | None], **keys: object) -> dict[str, Any]:
@@ -298,7 +291,7 @@ def test_a_bad_script_is_told_like_a_bad_configuration(tmp_path: Path, text: str
     path = tmp_path / "script.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError, match=words) as caught:
-        load_script(path)
+        read_options(path, "script", ScriptOptions)
     assert "script.yaml" in str(caught.value)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.records import StoredCubature, StoredModel, read_basis, read_model, read_scene, write_cubature
 from ldsim.artefacts.snapshots import Snapshots
-from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.cli.stage import Call, progress_bar, stage_command
 from ldsim.cubature.goal import Goal
 from ldsim.cubature.ladder import VirtualSelection
 from ldsim.cubature.rule import CubatureRule
@@ -39,7 +39,7 @@ MISSED = 3
 
 
 @stage_command("cubature", "Choose the cubature points of the latent and of the matching linear space.")
-def command(run: Run) -> None:
+def command(run: Call) -> None:
     settings = run.settings.cubature
     scene, _ = read_scene(run.path("scene"))
     stored, basis_header = read_basis(run.path("basis"), scene)

@@ -7,8 +7,10 @@ from pathlib import Path
 import click
 
 from ldsim import __version__
-from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
+from ldsim.cli.app import browser_option, port_option, until_closed_option
+from ldsim.cli.stage import Bars
 from ldsim.viewer.playground import play_server
+from ldsim.viewer.serving import serve
 
 
 @click.command("play", help="Pull the solid of a finished RUN, such as runs/demo, in the browser.")
@@ -28,4 +30,4 @@ from ldsim.viewer.playground import play_server
 @until_closed_option
 def command(run: Path, spaces: tuple[str, ...], port: int, browser: bool, until_closed: bool) -> None:
     click.echo("opening the run (the first time compiles the kernels, about a minute)", err=True)
-    serve(play_server(run, spaces, port, until_closed), browser)
+    serve(play_server(run, spaces, port, until_closed), browser, click.echo, Bars().tell)

@@ -8,16 +8,18 @@ import click
 
 from ldsim import __version__
 from ldsim.artefacts.atomic import writing
-from ldsim.cli.made_up import COARSE_CELLS, is_surface, made_up, write_configuration
-from ldsim.cli.mesh import described_scene
-from ldsim.cli.serving import browser_option, port_option, serve, until_closed_option
-from ldsim.cli.stage import Run
+from ldsim.cli.app import browser_option, port_option, until_closed_option
+from ldsim.cli.stage import Bars
 from ldsim.errors import SettingsError
 from ldsim.mechanics.loads import usual_grip
 from ldsim.mechanics.recording import read_recording
-from ldsim.settings import MeshSettings, load_settings
+from ldsim.pipeline.mesh import described_scene
+from ldsim.pipeline.options import MeshOptions
+from ldsim.settings import load_settings
+from ldsim.settings.starting import COARSE_CELLS, is_surface, starting_settings, write_configuration
 from ldsim.viewer.playground import record_server
 from ldsim.viewer.recorder import Recorder
+from ldsim.viewer.serving import serve
 
 CONFIGURATIONS = (".yaml", ".yml")
 
@@ -85,11 +87,13 @@ def command(
         with writing(config):
             config.parent.mkdir(parents=True, exist_ok=True)
     place = source if described else config or source.with_suffix(".yaml")
-    settings = load_settings(source) if described else made_up(source, place, scale, youngs_modulus, pin, output)
+    settings = (
+        load_settings(source) if described else starting_settings(source, place, scale, youngs_modulus, pin, output)
+    )
     if not described and is_surface(source):
         cells = cells or COARSE_CELLS
     section = _coarser(settings.mesh, place, mesh, resolution, cells)
-    scene = described_scene(Run(place, settings, place.parent), section)[0]
+    scene = described_scene(section, Bars(), place.parent)[0]
     if config is not None:
         write_configuration(config, settings, scene)
         click.echo(f"{config}: record {output}, then run its stages (ldsim mesh {config}, …)", err=True)
@@ -101,12 +105,12 @@ def command(
         {"recorded_on": source.name, "time_step_s": scene.time_step},
         None if play is None else read_recording(play, play.stem),
     )
-    serve(record_server(scene, source.stem, recorder, port, until_closed), browser)
+    serve(record_server(scene, source.stem, recorder, port, until_closed), browser, click.echo, Bars().tell)
 
 
 def _coarser(
-    section: MeshSettings, config: Path, mesh: Path | None, resolution: int | None, cells: int | None
-) -> MeshSettings:
+    section: MeshOptions, config: Path, mesh: Path | None, resolution: int | None, cells: int | None
+) -> MeshOptions:
     """The section `mesh` on a coarser mesh, where one is given."""
     changes: dict[str, object] = {}
     if mesh is not None:

@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from ldsim import __version__
-from ldsim.artefacts.atomic import replacing
 from ldsim.errors import SettingsError
-from ldsim.settings import STAGES, dump, load_settings, stamp
+from ldsim.settings import load_settings, write_stamps
 
 
 @click.command("settings", help="Check a configuration and print it with defaults.")
@@ -29,11 +28,6 @@ def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
             "files of an experiment by the name of its configuration"
         )
     if stamps is None:
-        click.echo(dump(settings), nl=False)
-        return
-    texts = {stage: stamp(settings, stage, config) for stage in STAGES}
-    for stage, text in texts.items():
-        path = stamps / f"{stage}.yaml"
-        if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            with replacing(path) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+        click.echo(settings.dump(), nl=False)
+    else:
+        write_stamps(settings, config.parent, stamps)

@@ -10,7 +10,7 @@ import numpy as np
 from ldsim.artefacts.records import StoredCubature, read_basis, read_cubature, read_model, read_scene
 from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.snapshots import Snapshots
-from ldsim.cli.stage import Run, progress_bar, stage_command
+from ldsim.cli.stage import Call, progress_bar, stage_command
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.trajectory import Trajectory
@@ -25,7 +25,7 @@ from ldsim.space.space import Space
 
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
-def command(run: Run) -> None:
+def command(run: Call) -> None:
     settings = run.settings.simulate
     scene, _ = read_scene(run.path("scene"))
     stored, _ = read_basis(run.path("basis"), scene)
@@ -34,7 +34,7 @@ def command(run: Run) -> None:
     run.check("cubature", header, "scene", "snapshots", "basis", "model")
     changed = settings.material is not None
     if settings.material is not None:
-        scene = with_properties(scene, properties_of(scene).changed(Change(**settings.material.model_dump())))
+        scene = with_properties(scene, properties_of(scene).changed(Change.of(settings.material)))
     networks = (model.decoder, model.encoder)
     spaces = [
         Space.linear(scene, stored.basis, model.kp, _rule(cubature["linear"], settings.linear_points, changed)),

@@ -1,8 +1,7 @@
-"""What every stage's command shares: its arguments, where the run's files lie, the header, time and memory."""
+"""What the commands of the stages share: their arguments, bars and notes on stderr, and what is said at the end."""
 
 from __future__ import annotations
 
-import resource
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,107 +14,19 @@ import click
 from tqdm import tqdm
 
 from ldsim import __version__
-from ldsim.artefacts.store import Header, check_inputs, file_hash
-from ldsim.errors import ArtefactError
+from ldsim.artefacts.store import Header
 from ldsim.pipeline.progress import Bar, Progress
-from ldsim.settings import Settings, dump, load_settings, stage_settings
-
-FILES = {
-    "scene": "scene.h5",
-    "snapshots": "snapshots.h5",
-    "basis": "basis.h5",
-    "model": "model.h5",
-    "cubature": "cubature.h5",
-    "simulation": "simulation.h5",
-}
-
-
-@dataclass
-class Run:
-    """One experiment's configuration and files."""
-
-    config: Path
-    settings: Settings
-    folder: Path
-    started: float = field(default_factory=time.perf_counter)
-
-    def path(self, kind: str) -> Path:
-        """The file of an artefact."""
-        return self.folder / FILES[kind]
-
-    def check(self, kind: str, header: Header, *inputs: str) -> None:
-        """Refuse an artefact of another experiment, or made from other files than those of this run."""
-        path = self.path(kind)
-        experiment = header.notes.get("experiment")
-        if experiment != self.settings.experiment:
-            raise ArtefactError(
-                f"{path} belongs to the experiment {experiment!r}, expected {self.settings.experiment!r}; run make"
-            )
-        check_inputs(path, header, {name: self.path(name) for name in inputs})
-
-    def header(
-        self, kind: str, stage: str, inputs: tuple[str, ...], seed: int = -1, **notes: str | float | int
-    ) -> Header:
-        """The header of the artefact that a stage writes."""
-        return Header(
-            kind,
-            dump(stage_settings(self.settings, stage)),
-            {name: file_hash(self.path(name)) for name in inputs},
-            seed,
-            {
-                "experiment": self.settings.experiment,
-                "stage": stage,
-                "seconds": time.perf_counter() - self.started,
-                "peak_memory_mb": peak_memory_mb(),
-                **notes,
-            },
-        )
-
-    def done(self, kind: str, summary: str) -> None:
-        """Say what was written."""
-        click.echo(f"{self.path(kind)}: {summary} ({time.perf_counter() - self.started:.1f} s)")
-
-
-def peak_memory_mb() -> float:
-    """Largest resident memory of this process or one of its workers so far, MB (10⁶ bytes)."""
-    usage = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return usage * 1024 / 1e6
-
-
-def stage_command(
-    name: str, description: str, *options: click.Option
-) -> Callable[[Callable[..., None]], click.Command]:
-    """Make a click command of a function that takes the run, and the options that this stage alone has by name."""
-
-    def wrap(function: Callable[..., None]) -> click.Command:
-        @click.command(name, help=description)
-        @click.argument("config", type=click.Path(path_type=Path))
-        @click.version_option(__version__, "--version", prog_name="ldsim")
-        @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
-        def command(config: Path, runs: Path, **values: object) -> None:
-            settings = load_settings(config)
-            function(Run(config, settings, runs / settings.experiment), **values)
-
-        command.params += options
-        return command
-
-    return wrap
-
-
-@contextmanager
-def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqdm[Never]]:
-    """A progress bar on stderr, slow to refresh where nobody watches."""
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True, leave=True) as bar:
-        yield bar
+from ldsim.run import Run
+from ldsim.settings import Settings, load_settings
 
 
 class Bars(Progress):
-    """Progress as bars and notes on stderr."""
+    """Progress as bars, slow to refresh where nobody watches, and notes; both on stderr."""
 
     @contextmanager
     def bar(self, description: str, total: int | None, unit: str) -> Iterator[Bar]:
-        with progress_bar(total, description, unit) as bar:
+        interval = 0.2 if sys.stderr.isatty() else 10.0
+        with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True) as bar:
             yield _Bar(bar)
 
     def tell(self, text: str) -> None:
@@ -134,3 +45,68 @@ class _Bar(Bar):
 
     def say(self, text: str) -> None:
         self._bar.set_postfix_str(text, refresh=False)
+
+
+@dataclass(frozen=True)
+class Call:
+    """A stage's command as it was called: the experiment, its run, and where its input files lie."""
+
+    settings: Settings
+    run: Run
+    base: Path
+    progress: Bars = field(default_factory=Bars)
+    started: float = field(default_factory=time.perf_counter)
+
+    # Until train, cubature and simulate are calls into the pipeline.
+    @property
+    def folder(self) -> Path:
+        return self.run.folder
+
+    def path(self, kind: str) -> Path:
+        return self.run.path(kind)
+
+    def check(self, kind: str, header: Header, *inputs: str) -> None:
+        self.run.require(kind, *inputs)
+
+    def header(
+        self, kind: str, stage: str, inputs: tuple[str, ...], seed: int = -1, **notes: str | float | int
+    ) -> Header:
+        begun = self.run.stage(stage, self.settings.section(stage))
+        begun._started = self.started
+        return begun.header(kind, inputs, seed, **notes)
+
+    def done(self, kind: str, summary: str) -> None:
+        """Say what artefact was written."""
+        self.say(self.run.path(kind), summary)
+
+    def say(self, written: Path, summary: str) -> None:
+        """Say what was written."""
+        click.echo(f"{written}: {summary} ({time.perf_counter() - self.started:.1f} s)")
+
+
+@contextmanager
+def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqdm[Never]]:
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True) as bar:
+        yield bar
+
+
+def stage_command(
+    name: str, description: str, *options: click.Option
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a click command of a function that takes the call, and the options that this stage alone has by name."""
+
+    def wrap(function: Callable[..., None]) -> click.Command:
+        @click.command(name, help=description)
+        @click.argument("config", type=click.Path(path_type=Path))
+        @click.version_option(__version__, "--version", prog_name="ldsim")
+        @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+        def command(config: Path, runs: Path, **values: object) -> None:
+            settings = load_settings(config)
+            with Run(runs / settings.experiment, settings.experiment) as run:
+                function(Call(settings, run, config.parent), **values)
+
+        command.params += options
+        return command
+
+    return wrap

@@ -7,14 +7,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldsim.errors import SceneError
 from ldsim.mechanics.mass import mass_matrix
-from ldsim.mechanics.quadrature import Quadrature
-from ldsim.mechanics.regions import Region, cells_in
+from ldsim.mechanics.options import LoadOptions
+from ldsim.mechanics.quadrature import Quadrature, quadrature
+from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import boundary_faces
 
 Array = NDArray[np.float64]
 
 GAUSS = 1 / np.sqrt(3)
+
+
+def load_force(mesh: Mesh, density: Array, options: LoadOptions) -> Array:
+    """The force of a load on each vertex, (n, 3) float64, N; density of each cell, (m,) kg/m³.
+
+    Raises:
+        SceneError: its region holds no cell, or no boundary face.
+    """
+    if options.acceleration is not None:
+        return body_force(mesh, quadrature(mesh), density, options.where, options.acceleration)
+    if options.traction is not None:
+        return surface_force(mesh, options.where, options.traction)
+    assert options.pressure is not None
+    return pressure_force(mesh, options.where, options.pressure)
 
 
 def body_force(mesh: Mesh, points: Quadrature, density: Array, region: Region, acceleration: ArrayLike) -> Array:
@@ -27,7 +42,7 @@ def body_force(mesh: Mesh, points: Quadrature, density: Array, region: Region, a
     Raises:
         SceneError: the region holds no cell.
     """
-    inside = np.where(cells_in(region, mesh, "loads"), density, 0.0)
+    inside = np.where(region.cells_in(mesh, "loads"), density, 0.0)
     force: Array = mass_matrix(mesh, points, inside).sum(axis=1)[:, None] * np.asarray(acceleration)
     return force
 
@@ -55,7 +70,7 @@ def pressure_force(mesh: Mesh, region: Region, pressure: float) -> Array:
 def _face_areas(mesh: Mesh, region: Region) -> tuple[NDArray[np.int32], Array]:
     """The boundary faces of a region, (f, a), and n dA at their quadrature points, (f, a, p, 3), m², times N_a."""
     faces = boundary_faces(mesh)
-    faces = faces[region.vertices(mesh)[faces].all(axis=1)]
+    faces = faces[region.vertex_mask(mesh)[faces].all(axis=1)]
     if len(faces) == 0:
         raise SceneError(f"{region} holds no face of the surface; a face is loaded if all its vertices lie within")
     x = mesh.vertices[faces]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
-from ldsim.mechanics.regions import Region, vertices_in
+from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
 
 
@@ -20,7 +20,7 @@ def pinned_vertices(mesh: Mesh, regions: Sequence[Region]) -> NDArray[np.bool_]:
     """
     pinned = np.zeros(mesh.n_vertices, dtype=bool)
     for region in regions:
-        pinned |= vertices_in(region, mesh, "pins")
+        pinned |= region.vertices_in(mesh, "pins")
     if pinned.all():
         raise SceneError(f"the pins hold all {mesh.n_vertices} vertices; at least one must be free to move")
     return pinned

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import material_number
+from ldsim.mechanics.options import MaterialChangeOptions
 
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, NDArray[np.float64])
@@ -24,6 +25,11 @@ class Change:
     poisson_ratio: float | Array | None = None
     density: float | Array | None = None
     youngs_factor: float = 1.0
+
+    @classmethod
+    def of(cls, options: MaterialChangeOptions, density: float | None = None) -> Change:
+        """That of a configuration."""
+        return cls(**options.model_dump(), density=density)
 
 
 @dataclass(frozen=True, eq=False)

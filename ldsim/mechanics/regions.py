@@ -1,158 +1,153 @@
-"""Regions of a solid: where it is pinned, of another material, or loaded."""
+"""Regions of a solid at rest: where it is pinned, of another material, or loaded."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
-from ldsim.mesh.mesh import Group, Mesh
+from ldsim.options import Field, Options, Positive, Vector, model_validator
+
+if TYPE_CHECKING:  # whoever only reads a configuration needs no mesh
+    from ldsim.mesh.mesh import Group, Mesh
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
 Mask = NDArray[np.bool_]
+Points = NDArray[np.float64]
 
 
-class Region(ABC):
-    """A part of the solid at rest."""
+class Slab(Options):
+    """What lies within a distance of one end of the solid."""
 
-    @abstractmethod
-    def vertices(self, mesh: Mesh) -> Mask:
-        """Whether each vertex lies in it, (n,) bool."""
+    axis: Annotated[Literal["x", "y", "z"], Field(description="Axis across the slab.")]
+    at: Annotated[Literal["min", "max"], Field(description="Which end of the solid.")] = "min"
+    thickness: Annotated[Positive, Field(description="Vertices within it of the end are pinned, m.")]
 
-    @abstractmethod
-    def cells(self, mesh: Mesh) -> Mask:
-        """Whether each cell belongs to it, (m,) bool."""
-
-
-class Volume(Region):
-    """A part of space; a cell belongs to it if its centroid does."""
-
-    @abstractmethod
-    def holds(self, points: NDArray[np.float64], mesh: Mesh) -> Mask:
+    def holds(self, points: Points, mesh: Mesh) -> Mask:
         """Whether each point, (p, 3) metres, lies in it; (p,) bool."""
-
-    def vertices(self, mesh: Mesh) -> Mask:
-        return self.holds(mesh.vertices, mesh)
-
-    def cells(self, mesh: Mesh) -> Mask:
-        return self.holds(mesh.vertices[mesh.cells].mean(axis=1), mesh)
-
-
-@dataclass(frozen=True)
-class Slab(Volume):
-    """What lies within `thickness` metres of the solid's smallest (or largest) coordinate on an axis."""
-
-    axis: str
-    at_max: bool
-    thickness: float
-
-    def holds(self, points: NDArray[np.float64], mesh: Mesh) -> Mask:
         x, ends = points[:, AXES[self.axis]], mesh.vertices[:, AXES[self.axis]]
-        inside: Mask = x >= ends.max() - self.thickness if self.at_max else x <= ends.min() + self.thickness
+        inside: Mask = x >= ends.max() - self.thickness if self.at == "max" else x <= ends.min() + self.thickness
         return inside
 
 
-@dataclass(frozen=True)
-class Ball(Volume):
-    """What lies within `radius` metres of `centre`."""
+class Ball(Options):
+    """What lies within a distance of a point."""
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: Annotated[Vector, Field(description="Centre of the ball, m.")]
+    radius: Annotated[Positive, Field(description="Vertices within it of the centre are pinned, m.")]
 
-    def holds(self, points: NDArray[np.float64], mesh: Mesh) -> Mask:
+    def holds(self, points: Points, mesh: Mesh) -> Mask:
+        """As `Slab.holds`."""
         inside: Mask = np.linalg.norm(points - np.array(self.centre), axis=1) <= self.radius
         return inside
 
 
-@dataclass(frozen=True)
-class Box(Volume):
-    """What lies in the box with edges along the axes between two corners, metres."""
+class Box(Options):
+    """What lies between two corners; the edges go along the axes."""
 
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
+    min: Annotated[Vector, Field(description="Its corner of smallest coordinates, m.")]
+    max: Annotated[Vector, Field(description="Its corner of largest coordinates, m.")]
 
-    def holds(self, points: NDArray[np.float64], mesh: Mesh) -> Mask:
-        inside: Mask = np.all((points >= np.array(self.low)) & (points <= np.array(self.high)), axis=1)
+    @model_validator(mode="after")
+    def _ordered(self) -> Box:
+        if any(low > high for low, high in zip(self.min, self.max, strict=True)):
+            raise ValueError(f"min {list(self.min)} must not be greater than max {list(self.max)} on any axis")
+        return self
+
+    def holds(self, points: Points, mesh: Mesh) -> Mask:
+        """As `Slab.holds`."""
+        inside: Mask = np.all((points >= np.array(self.min)) & (points <= np.array(self.max)), axis=1)
         return inside
 
 
-@dataclass(frozen=True)
-class VertexList(Region):
-    """The vertices of a list; a cell belongs to it if all its vertices do.
+class Region(Options):
+    """A part of the solid at rest: in a slab, a ball or a box, or vertices of a list or of a group.
 
-    Raises (when asked):
-        SceneError: a vertex that the mesh does not have.
+    A cell belongs to a slab, a ball or a box if its centroid does, and to a list if all its vertices do.
     """
 
-    numbers: tuple[int, ...]
+    slab: Annotated[Slab | None, Field(description="One end of the solid.")] = None
+    ball: Annotated[Ball | None, Field(description="What lies in a ball.")] = None
+    box: Annotated[Box | None, Field(description="What lies in a box with edges along the axes.")] = None
+    vertices: Annotated[
+        tuple[Annotated[int, Field(ge=0)], ...] | None,
+        Field(min_length=1, description="These vertices, numbered from 0 as in scene.h5."),
+    ] = None
+    group: Annotated[
+        str | None, Field(description="A group of the mesh file; `ldsim info` of scene.h5 lists them.")
+    ] = None
 
-    def vertices(self, mesh: Mesh) -> Mask:
-        wrong = [number for number in self.numbers if not 0 <= number < mesh.n_vertices]
-        if wrong:
-            raise SceneError(f"vertex {wrong[0]} of a list does not exist; the mesh has 0 … {mesh.n_vertices - 1}")
-        return _mask(np.array(self.numbers), mesh.n_vertices)
+    @model_validator(mode="after")
+    def _one(self) -> Region:
+        if sum(value is not None for _, value in self) != 1:
+            raise ValueError(f"give exactly one of {', '.join(type(self).model_fields)}")
+        return self
 
-    def cells(self, mesh: Mesh) -> Mask:
-        whole: Mask = np.all(self.vertices(mesh)[mesh.cells], axis=1)
+    def __str__(self) -> str:
+        kind, value = next((name, value) for name, value in self if value is not None)
+        words = ", ".join(f"{name} {entry}" for name, entry in value) if isinstance(value, Options) else repr(value)
+        return f"the {kind} ({words})"
+
+    def vertices_in(self, mesh: Mesh, use: str) -> Mask:
+        """Whether each vertex belongs to it, (n,) bool, of which some must.
+
+        Args:
+            use: what for, as the message's verb: "pins", "moves".
+
+        Raises:
+            SceneError: none does, or the mesh lacks a vertex of the list or the group.
+        """
+        return self._some(self.vertex_mask(mesh), f"{use} no vertex", mesh)
+
+    def cells_in(self, mesh: Mesh, use: str) -> Mask:
+        """Whether each cell belongs to it, (m,) bool; see `vertices_in`."""
+        return self._some(self.cell_mask(mesh), f"{use} no cell", mesh)
+
+    def vertex_mask(self, mesh: Mesh) -> Mask:
+        """As `vertices_in`, but there may be none."""
+        volume = self._volume
+        if volume is not None:
+            return volume.holds(mesh.vertices, mesh)
+        if self.group is not None:
+            return _mask(self._group(mesh).vertices, mesh.n_vertices)
+        numbers = np.array(self.vertices)
+        if numbers.max() >= mesh.n_vertices:
+            wrong = numbers[numbers >= mesh.n_vertices][0]
+            raise SceneError(f"vertex {wrong} of a list does not exist; the mesh has 0 … {mesh.n_vertices - 1}")
+        return _mask(numbers, mesh.n_vertices)
+
+    def cell_mask(self, mesh: Mesh) -> Mask:
+        """As `cells_in`, but there may be none."""
+        volume = self._volume
+        if volume is not None:
+            return volume.holds(mesh.vertices[mesh.cells].mean(axis=1), mesh)
+        if self.group is not None:
+            return _mask(self._group(mesh).cells, mesh.n_cells)
+        whole: Mask = np.all(self.vertex_mask(mesh)[mesh.cells], axis=1)
         return whole
 
+    @property
+    def _volume(self) -> Slab | Ball | Box | None:
+        return self.slab or self.ball or self.box
 
-@dataclass(frozen=True)
-class NamedGroup(Region):
-    """A group that the mesh file defines.
-
-    Raises (when asked):
-        SceneError: the mesh has no such group; the message names those it has.
-    """
-
-    name: str
-
-    def vertices(self, mesh: Mesh) -> Mask:
-        return _mask(self._find(mesh).vertices, mesh.n_vertices)
-
-    def cells(self, mesh: Mesh) -> Mask:
-        return _mask(self._find(mesh).cells, mesh.n_cells)
-
-    def _find(self, mesh: Mesh) -> Group:
-        if self.name not in mesh.groups:
+    def _group(self, mesh: Mesh) -> Group:
+        assert self.group is not None
+        if self.group not in mesh.groups:
             known = ", ".join(sorted(mesh.groups)) or "none: its file defines no groups"
-            raise SceneError(f"the mesh has no group {self.name!r}; known are {known}")
-        return mesh.groups[self.name]
+            raise SceneError(f"the mesh has no group {self.group!r}; known are {known}")
+        return mesh.groups[self.group]
+
+    def _some(self, found: Mask, nothing: str, mesh: Mesh) -> Mask:
+        if not found.any():
+            low, high = (end(mesh.vertices, axis=0).round(4).tolist() for end in (np.min, np.max))
+            raise SceneError(f"{self} {nothing}; the solid spans {low} … {high} m")
+        return found
 
 
 def _mask(indices: NDArray[np.int64], size: int) -> Mask:
     mask = np.zeros(size, dtype=bool)
     mask[indices] = True
     return mask
-
-
-def vertices_in(region: Region, mesh: Mesh, use: str) -> Mask:
-    """The vertices of a region, (n,) bool, of which there must be some.
-
-    Args:
-        use: what for, as the message's verb: "pins", "moves".
-
-    Raises:
-        SceneError: there are none.
-    """
-    found = region.vertices(mesh)
-    if not found.any():
-        raise SceneError(f"{region} {use} no vertex; {_extent(mesh)}")
-    return found
-
-
-def cells_in(region: Region, mesh: Mesh, use: str) -> Mask:
-    """The cells of a region, (m,) bool, of which there must be some; see `vertices_in`."""
-    found = region.cells(mesh)
-    if not found.any():
-        raise SceneError(f"{region} {use} no cell; {_extent(mesh)}")
-    return found
-
-
-def _extent(mesh: Mesh) -> str:
-    low, high = mesh.vertices.min(axis=0).round(4).tolist(), mesh.vertices.max(axis=0).round(4).tolist()
-    return f"the solid spans {low} … {high} m"

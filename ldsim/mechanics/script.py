@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.motion import Drag, Support
+from ldsim.mechanics.motion import Drag, Motion, Support
+from ldsim.mechanics.options import (
+    GrabOptions,
+    GravitySweepOptions,
+    MovingPinsOptions,
+    PathOptions,
+    ReleaseOptions,
+    ScriptOptions,
+)
+from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -46,6 +55,12 @@ class Path:
         """From pairs of a time, s, and a value, (d,)."""
         times = np.array([time for time, _ in keyframes], dtype=np.float64)
         return cls(times, np.array([value for _, value in keyframes], dtype=np.float64), eased)
+
+    @classmethod
+    def through(cls, options: PathOptions, values: Sequence[ArrayLike]) -> Path:
+        """As the options say, with the value of each keyframe, (d,)."""
+        times = [keyframe.time for keyframe in options.keyframes]
+        return cls.of(list(zip(times, values, strict=True)), options.interpolation == "eased")
 
     def at(self, times: Array) -> Array:
         """The values at given times, (t, d)."""
@@ -153,3 +168,64 @@ def gravity_sweep(start: ArrayLike, frames: int, turns: int) -> Array:
     across = np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.cross(pole, side)
     swept: Array = size * (height[:, None] * pole + width[:, None] * across)
     return swept
+
+
+def scripted(name: str, scene: Scene, script: ScriptOptions) -> Motion:
+    """The motion of a script.
+
+    Raises:
+        MotionError: pins that are none, that follow two paths, or whose path does not start at rest.
+        SceneError: a region that the solid has not.
+    """
+    h = scene.time_step
+    paths = [*script.grabs, *script.moving_pins, *([script.gravity] if script.gravity else [])]
+    last = max(path.keyframes[-1].time for path in paths)
+    times = frame_times(frames_until(script.duration or last, h), h)
+    drags = [drag for grab in script.grabs if (drag := _grab(grab, h)) is not None and drag.start < len(times)]
+    gravity = None
+    if script.gravity is not None:
+        gravity = Path.through(script.gravity, [each.acceleration for each in script.gravity.keyframes]).at(times)
+    supports = tuple(_support(scene, moving, times) for moving in script.moving_pins)
+    _check_disjoint(supports)
+    return Motion(name, len(times), tuple(drags), gravity, supports)
+
+
+def _grab(grab: GrabOptions, time_step: float) -> Drag | None:
+    path = Path.through(grab, [keyframe.target for keyframe in grab.keyframes])
+    return grab_along(path, grab.point, grab.radius, grab.stiffness, grab.at_rest, time_step)
+
+
+def _support(scene: Scene, moving: MovingPinsOptions, times: Array) -> Support:
+    place = moving.where
+    vertices = np.flatnonzero(place.vertices_in(scene.mesh, "moves") & scene.pinned)
+    if len(vertices) == 0:
+        raise MotionError(f"{place} holds no pinned vertex; only pins can follow a path, so pin them (mesh.pins)")
+    centre = scene.mesh.vertices[vertices].mean(axis=0) if moving.centre is None else moving.centre
+    path = Path.through(moving, [(*pose.translation, np.radians(pose.angle)) for pose in moving.keyframes])
+    return support_along(path, vertices, centre, moving.axis, times)
+
+
+def _check_disjoint(supports: tuple[Support, ...]) -> None:
+    moved = np.concatenate([np.empty(0, dtype=np.int64), *(support.vertices for support in supports)])
+    vertices, counts = np.unique(moved, return_counts=True)
+    if (counts > 1).any():
+        raise MotionError(
+            f"vertex {vertices[counts.argmax()]} follows two paths; regions of moving_pins must not overlap"
+        )
+
+
+def swept(name: str, scene: Scene, options: GravitySweepOptions) -> Motion:
+    """Gravity from every direction in turn; −y is the first where the scene has none."""
+    g = scene.gravity if scene.gravity.any() or options.size is None else np.array([0.0, -1.0, 0.0])
+    start = g if options.size is None else g * (options.size / np.linalg.norm(g))
+    frames = frames_until(options.duration, scene.time_step)
+    return Motion(name, frames, gravity=gravity_sweep(start, frames, options.turns))
+
+
+def released(name: str, scene: Scene, options: ReleaseOptions) -> Motion:
+    """Pulled slowly into a pose, held there, let go."""
+    there, let_go = options.pull, options.pull + options.hold
+    held = [(0.0, options.point), (there, options.target), (let_go, options.target)]
+    path = Path.of(held if options.hold > 0 else held[:2], eased=True)
+    drag = grab_along(path, options.point, options.radius, options.stiffness, True, scene.time_step)
+    return Motion(name, frames_until(let_go + options.swing, scene.time_step), () if drag is None else (drag,))

@@ -9,8 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldsim.errors import MeshError
+from ldsim.errors import MeshError, SettingsError
 from ldsim.mesh.mesh import NODES_PER_CELL, Mesh
+from ldsim.mesh.options import ShapeOptions
 
 # Corners of a unit cube in VTK's order, and the same corners by their number x + 2y + 4z.
 CUBE_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -264,3 +265,14 @@ def _check_resolution(resolution: int) -> None:
 def _check_count(voxels: float) -> None:
     if voxels > MAX_VOXELS:
         raise MeshError(f"the shape needs {voxels:.3g} voxels; allowed are {MAX_VOXELS}: lower the resolution")
+
+
+def shaped(options: ShapeOptions) -> Mesh:
+    """The mesh of a shape.
+
+    Raises:
+        SettingsError: no shape has the name.
+    """
+    if options.name not in SHAPES:
+        raise SettingsError(f"mesh.shape.name is {options.name!r}; known are {', '.join(SHAPES)}")
+    return SHAPES[options.name](resolution=options.resolution, cell_type=options.cell_type)

@@ -10,9 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.artefacts.folder import replacing_folder
+from ldsim.jit import one_thread
+from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.report.figure import Figure
 from ldsim.report.figures import draw_figures
 from ldsim.report.numbers import collect
+from ldsim.report.options import ReportOptions
 from ldsim.report.page import render_page
 from ldsim.report.pictures import Picture, take_pictures
 from ldsim.report.replay import make_replay
@@ -54,6 +57,20 @@ class Report:
     page: str
     figures: Mapping[str, tuple[Figure, str]]
     pictures: Sequence[Picture]
+
+
+def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
+    """The stage report: write the folder report/ of a run that has all its artefacts.
+
+    Raises:
+        ArtefactError: an artefact is missing or does not fit the others, or the folder cannot be written.
+    """
+    begun = run.stage("report", ReportOptions(pictures=wanted.pictures))
+    run.require("scene", "snapshots", "basis", "model", "cubature", "simulation")
+    with one_thread(), progress.bar("report", None, "picture") as bar:
+        made = build_report(run, wanted, lambda: begun.cost, bar.update)
+    write_report(run.folder / "report", made)
+    return made
 
 
 def build_report(

@@ -1,44 +1,19 @@
-"""Every setting, declared once: type, default, range, unit and a sentence. The only importer of yaml.
+"""An experiment: the options of its stages, put together, read from YAML, and stamped for make.
 
-The reference page of the docs, `ldsim settings` and the messages about unknown keys all come from these declarations:
-`scene` has the section `mesh`, `motions` what the section `snapshot` runs, `experiment` the other sections.
+Every option is declared in the room that uses it; the reference page of the docs, `ldsim settings` and the messages
+about unknown keys all come from these declarations.
 """
 
-from ldsim.settings.experiment import STAGES, CubatureSettings, Settings, SnapshotSettings
-from ldsim.settings.files import DATA_VARIABLE, input_files, resolve_path, stage_settings, stamp
-from ldsim.settings.motions import (
-    GrabSettings,
-    GravitySweepSettings,
-    MotionSettings,
-    MovingPinsSettings,
-    ReleaseSettings,
-    ScriptSettings,
-)
-from ldsim.settings.reading import dump, load_script, load_settings, settings_of
-from ldsim.settings.scene import MeshSettings, RegionSettings, ShapeSettings, SurfaceSettings
+from ldsim.settings.experiment import STAGES, CubatureSettings, Settings, load_settings, settings_of
+from ldsim.settings.files import input_files, stamp, write_stamps
 
 __all__ = [
-    "DATA_VARIABLE",
     "STAGES",
     "CubatureSettings",
-    "GrabSettings",
-    "GravitySweepSettings",
-    "MeshSettings",
-    "MotionSettings",
-    "MovingPinsSettings",
-    "RegionSettings",
-    "ReleaseSettings",
-    "ScriptSettings",
     "Settings",
-    "ShapeSettings",
-    "SnapshotSettings",
-    "SurfaceSettings",
-    "dump",
     "input_files",
-    "load_script",
     "load_settings",
-    "resolve_path",
     "settings_of",
-    "stage_settings",
     "stamp",
+    "write_stamps",
 ]

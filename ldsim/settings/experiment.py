@@ -2,57 +2,20 @@
 
 from __future__ import annotations
 
-import random
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ldsim.dynamics.full.options import FullOptions
 from ldsim.learn.options import TrainOptions
-from ldsim.options import Options, Positive
-from ldsim.settings.motions import MotionSettings
-from ldsim.settings.scene import MaterialChangeSettings, MeshSettings
+from ldsim.mechanics.options import MaterialChangeOptions
+from ldsim.options import Options, Positive, checked_options, read_options
+from ldsim.pipeline.options import MeshOptions, SnapshotOptions
+from ldsim.report.options import ReportOptions
+from ldsim.space.options import PcaOptions
 
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
-
-
-class SnapshotSettings(FullOptions):
-    """Full-space runs that the model learns from and is judged on."""
-
-    motions: tuple[MotionSettings, ...] = Field(min_length=1, description="What happens to the solid.")
-    heldout_share: float = Field(
-        0.0, ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."
-    )
-    heldout_seed: int = Field(0, ge=0, description="Of the choice of these.")
-    workers: int = Field(2, ge=1, description="Motions that run side by side.")
-
-    @model_validator(mode="after")
-    def _distinct(self) -> SnapshotSettings:
-        names = [motion.name for motion in self.motions]
-        if len(set(names)) < len(names):
-            raise ValueError(f"motions must have different names, got {', '.join(names)}")
-        if "train" not in self.roles:
-            raise ValueError("at least one motion must have the role train")
-        return self
-
-    @property
-    def roles(self) -> tuple[str, ...]:
-        """The role of each motion, given or chosen."""
-        open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
-        count = max(round(self.heldout_share * len(open_)), 1) if self.heldout_share > 0 and open_ else 0
-        chosen = random.Random(self.heldout_seed).sample(open_, count)
-        return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
-
-
-class PcaSettings(Options):
-    k: int | None = Field(None, ge=1, description="Dimension; left out, the criterion finds it.")
-    criterion: Literal["max_error", "mean_error", "energy"] = Field(
-        "max_error", description="What the tolerance is of: vertex error (largest, mean), or energy lost."
-    )
-    tolerance_mm: Positive = Field(1.0, description="Vertex error over the training snapshots, mm.")
-    energy: float = Field(1e-4, gt=0, lt=1, description="Share of the snapshots' squared norm that may be lost.")
-    max_k: int = Field(100, ge=1, description="Largest dimension that the criterion may lead to.")
-    inner_product: Literal["mass", "euclidean"] = Field("mass", description="In which U is orthonormal.")
 
 
 class VirtualSettings(Options):
@@ -101,30 +64,41 @@ class SimulateSettings(Options):
     tolerance: Positive = Field(1e-8, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")
     max_iterations: int = Field(200, ge=1, description="Of one reduced step.")
     full_frames: int = Field(100, ge=1, description="Frames of the full space to time, from the first grab on.")
-    material: MaterialChangeSettings | None = Field(
+    material: MaterialChangeOptions | None = Field(
         None, description="Another material than that of the scene, for all motions; no errors are computed then."
     )
     window: Positive = Field(0.25, description="Restart from the full space this often for the windowed error, s.")
-
-
-class ReportSettings(Options):
-    pictures: int = Field(3, ge=0, le=12, description="Moments to show, full beside linear and latent.")
 
 
 class Settings(Options):
     """One experiment."""
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name; files lie in runs/<experiment>/.")
-    mesh: MeshSettings
-    snapshot: SnapshotSettings
-    pca: PcaSettings = PcaSettings()  # type: ignore[call-arg]
+    mesh: MeshOptions
+    snapshot: SnapshotOptions
+    pca: PcaOptions = PcaOptions()
     train: TrainOptions = TrainOptions()
     cubature: CubatureSettings = CubatureSettings()  # type: ignore[call-arg]
     simulate: SimulateSettings = SimulateSettings()  # type: ignore[call-arg]
-    report: ReportSettings = ReportSettings()  # type: ignore[call-arg]
+    report: ReportOptions = ReportOptions()
 
     @model_validator(mode="after")
     def _synthetic_motions_have_inertia(self) -> Settings:
         if self.snapshot.quasistatic and self.train.synthetic is not None:
             raise ValueError("train.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self
+
+    def section(self, stage: str) -> Options:
+        """The options of a stage."""
+        section: Options = getattr(self, stage)
+        return section
+
+
+def load_settings(path: Path) -> Settings:
+    """Read and check a configuration; see `read_options`."""
+    return read_options(path, "configuration", Settings)
+
+
+def settings_of(content: Mapping[str, Any], source: str) -> Settings:
+    """Check a configuration that was made, not read; `source` names it in messages."""
+    return checked_options(content, f"configuration {source}", Settings)

@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 from ldsim.errors import SolverError
 from ldsim.jit import njit
 from ldsim.space.basis import Basis, is_identity, weighted
+from ldsim.space.options import PcaOptions
 
 Array = NDArray[np.float64]
 Chunks = Callable[[], Iterable[NDArray[np.float32]]]
@@ -212,34 +213,8 @@ def errors_against_k(chunks: Chunks, basis: Basis) -> tuple[Array, Array]:
     return largest, total / count
 
 
-@dataclass(frozen=True)
-class Rule:
-    """How many modes: k where it is given, else the fewest that meet a tolerance on the training snapshots.
-
-    Attributes:
-        criterion: "max_error" (paper, Sec. 4.3) or "mean_error" of the vertices, tolerance in metres; or "energy", the
-            share of the snapshots' squared norm that is lost.
-        max_k: the largest k that a tolerance may lead to.
-    """
-
-    k: int | None = None
-    criterion: str = "max_error"
-    tolerance: float = 1e-3
-    max_k: int = 100
-
-    def describe(self, reached: float) -> str:
-        """What was reached and what is allowed, in words."""
-        if self.criterion == "energy":
-            return f"lose {reached:.3g} of the energy, allowed are {self.tolerance:.3g}; raise pca.max_k or pca.energy"
-        kind = "vertex error" if self.criterion == "max_error" else "mean vertex error"
-        return (
-            f"leave a {kind} of {1e3 * reached:.3g} mm, allowed are {1e3 * self.tolerance:.3g} mm; raise pca.max_k or "
-            "pca.tolerance_mm"
-        )
-
-
-def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Pca:
-    """A basis of as many modes as the rule asks for.
+def fit_basis(chunks: Chunks, metric: csr_array, options: PcaOptions) -> Pca:
+    """A basis of as many modes as the options ask for.
 
     Args:
         chunks: yields rows of displacements (b, 3n) float32, the same sequence each time it is called.
@@ -250,18 +225,20 @@ def fit_basis(chunks: Chunks, metric: csr_array, rule: Rule) -> Pca:
     count = sum(len(chunk) for chunk in chunks())
     if count == 0:
         raise SolverError("there are no training snapshots; give at least one motion the role train")
-    if rule.k is not None and rule.k > count:
-        raise SolverError(f"k = {rule.k} but there are only {count} training snapshots; lower pca.k")
-    found = spectrum(chunks, metric, rule.k)
-    most = rule.k if rule.k is not None else min(rule.max_k, found.independent)
+    if options.k is not None and options.k > count:
+        raise SolverError(f"k = {options.k} but there are only {count} training snapshots; lower pca.k")
+    found = spectrum(chunks, metric, options.k)
+    most = options.k if options.k is not None else min(options.max_k, found.independent)
     basis, singular = leading_modes(chunks, metric, most, found)
     max_error, mean_error = errors_against_k(chunks, basis)
     wanted = most
-    if rule.k is None:
+    if options.k is None:
         squares = np.concatenate([[0.0], np.cumsum(singular**2)])
-        lost = {"max_error": max_error, "mean_error": mean_error, "energy": 1 - squares / squares[-1]}[rule.criterion]
-        within = np.flatnonzero(lost[: most + 1] <= rule.tolerance)
-        if len(within) == 0 and most == rule.max_k:
-            raise SolverError(f"{most} modes {rule.describe(lost[most])}")
+        lost = {"max_error": max_error, "mean_error": mean_error, "energy": 1 - squares / squares[-1]}[
+            options.criterion
+        ]
+        within = np.flatnonzero(lost[: most + 1] <= options.tolerance)
+        if len(within) == 0 and most == options.max_k:
+            raise SolverError(f"{most} modes {options.describe(lost[most])}")
         wanted = max(int(within[0]), 1) if len(within) else most
     return Pca(basis.columns(wanted), singular, max_error[: wanted + 1], mean_error[: wanted + 1])

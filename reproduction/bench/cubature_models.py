@@ -23,7 +23,7 @@ from ldsim.cubature.selection import PoseSpace
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.refine import EDGES, refined
-from ldsim.settings import dump, load_settings
+from ldsim.settings import load_settings
 from ldsim.space.pca import inner_product
 from ldsim.space.projection import all_coordinates
 
@@ -142,7 +142,7 @@ def prepared(name: str, runs: Path, made: Path) -> Path:
         changes["mesh"] = settings.mesh.model_copy(update={"file": source.mesh})
     folder, config = made / name, made / f"{name}.yaml"
     folder.mkdir(parents=True, exist_ok=True)
-    config.write_text(dump(settings.model_copy(update=changes)))
+    config.write_text(settings.model_copy(update=changes).dump())
     _link(runs / name, folder, source.r)
     for stage, artefact in STAGES.items():
         if not (folder / f"{artefact}.h5").exists():

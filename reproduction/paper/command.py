@@ -16,15 +16,14 @@ import click
 
 from ldsim import __version__
 from ldsim.artefacts.atomic import replacing
-from ldsim.artefacts.store import check_inputs, read_header, reading
-from ldsim.cli.stage import FILES
+from ldsim.artefacts.store import STAGE_OF, check_inputs, read_header, reading
 from ldsim.errors import ArtefactError, LdsimError, SettingsError
 from ldsim.report.machine import describe_machine
-from ldsim.settings import STAGES, Settings, dump, input_files, settings_of, stage_settings
+from ldsim.settings import STAGES, Settings, input_files, settings_of
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
 
-WRITES = dict(zip(STAGES, FILES, strict=False))
+WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,9 @@ class PipelineBench:
         config = folder / "paper.yaml"
         wanted = STAGES[: STAGES.index(last) + 1]
         for stage in wanted:
-            input_files(settings, stage, config)
+            input_files(settings, stage, config.parent)
         with replacing(config) as temporary:
-            temporary.write_text(dump(settings), encoding="utf-8")
+            temporary.write_text(settings.dump(), encoding="utf-8")
         for stage in wanted:
             if not _up_to_date(settings, folder, stage):
                 command = importlib.import_module(f"ldsim.cli.{stage}").command
@@ -86,14 +85,14 @@ class PipelineBench:
 
 def _up_to_date(settings: Settings, folder: Path, stage: str) -> bool:
     """Whether a stage's artefact is whole and was made with these settings from the files that lie there."""
-    path = folder / FILES[WRITES[stage]]
+    path = folder / f"{WRITES[stage]}.h5"
     try:
         with reading(path, WRITES[stage]) as file:
             header = read_header(file)
-        check_inputs(path, header, {kind: folder / FILES[kind] for kind in header.inputs})
+        check_inputs(path, header, {kind: folder / f"{kind}.h5" for kind in header.inputs})
     except ArtefactError:
         return False
-    return header.settings == dump(stage_settings(settings, stage))
+    return header.settings == settings.section(stage).dump()
 
 
 def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:

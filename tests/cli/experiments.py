@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 from click.testing import CliRunner, Result
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 from ldsim.settings import STAGES
 
 WRITES = {

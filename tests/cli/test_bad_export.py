@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 from tests.cli.experiments import Experiment, refused
 from tests.cli.spoiled import ARTEFACTS
 

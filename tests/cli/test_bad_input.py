@@ -14,7 +14,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, change, refusal, refused
 from tests.cli.spoiled import ARTEFACTS
 from tests.helpers import full_disk, little_memory

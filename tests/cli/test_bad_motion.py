@@ -50,7 +50,7 @@ MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     ),
     "a path of what is not pinned": (
         motions({"name": "a", "script": {"moving_pins": [moving(TOP, {"time": 0}, {"time": 1, "angle": 9})]}}),
-        "motion a: Slab(axis='y', at_max=True, thickness=0.001) holds no pinned vertex",
+        "motion a: the slab (axis y, at max, thickness 0.001) holds no pinned vertex",
     ),
     "a path of an unknown group": (
         motions({"name": "a", "script": {"moving_pins": [moving({"group": "lid"}, {"time": 0}, {"time": 1})]}}),

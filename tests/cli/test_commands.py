@@ -9,8 +9,8 @@ import yaml
 from click.testing import CliRunner
 
 from ldsim import __version__
-from ldsim.cli.main import COMMANDS as KNOWN
-from ldsim.cli.main import main
+from ldsim.cli.app import COMMANDS as KNOWN
+from ldsim.cli.app import main
 from ldsim.settings import STAGES
 from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 from tests.cli.experiments import refused
 from tests.report.example_report import example_report
 from tests.report.test_page import Outline

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts.records import read_scene
-from ldsim.cli import filling
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.tetrahedralize import Filling
 from ldsim.mesh.triangles import Triangles
+from ldsim.pipeline import surface
 from tests.cli.experiments import TINY, Experiment
 from tests.mesh.surfaces import soup, surface_of
 
@@ -41,8 +41,8 @@ def experiment(tmp_path: Path) -> Experiment:
 @pytest.fixture
 def ftetwild(monkeypatch: pytest.MonkeyPatch) -> FTetWild:
     stand_in = FTetWild()
-    monkeypatch.setattr(filling, "filled", stand_in)
-    monkeypatch.setattr(filling, "filled_with", stand_in)
+    monkeypatch.setattr(surface, "filled", stand_in)
+    monkeypatch.setattr(surface, "filled_with", stand_in)
     return stand_in
 
 

@@ -14,9 +14,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from ldsim.cli.made_up import made_up
-from ldsim.cli.main import main
-from ldsim.settings import load_settings, resolve_path
+from ldsim.cli.app import main
+from ldsim.pipeline.files import resolve_path
+from ldsim.settings import load_settings
+from ldsim.settings.starting import starting_settings
 from tests.cli.experiments import TINY, refused
 from tests.report.small_run import write_run
 from tests.simulator.playable import write_playable
@@ -123,10 +124,10 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: str
 ) -> None:
     served = []
-    monkeypatch.setattr("ldsim.cli.record.serve", lambda server, browser: served.append(server))
+    monkeypatch.setattr("ldsim.cli.record.serve", lambda server, *_: served.append(server))
     if name.endswith(".off"):
         pytest.importorskip("pytetwild", reason="fTetWild is not installed: pip install 'ldsim[surface]'")
-        monkeypatch.setattr("ldsim.cli.made_up.FINE_CELLS", 60)
+        monkeypatch.setattr("ldsim.settings.starting.FINE_CELLS", 60)
     source, made = tmp_path / name, tmp_path / "configs" / "made.yaml"
     source.write_text(content, encoding="utf-8")
     motion = tmp_path / "m.csv"
@@ -137,7 +138,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     settings = load_settings(made)
     assert settings.experiment == source.stem.replace(" ", "-")
     assert settings.snapshot.roles == ("train", "train", "heldout")
-    assert resolve_path(settings.snapshot.motions[0].recording or "", made).resolve() == motion.resolve()
+    assert resolve_path(settings.snapshot.motions[0].recording or "", made.parent).resolve() == motion.resolve()
     done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output
     assert "exists already; give --config another name" in refusal(*arguments)
@@ -149,7 +150,7 @@ def test_a_solid_that_is_pinned_at_its_low_z_stands_on_it(
 ) -> None:
     source = tmp_path / "one.mesh"
     source.write_text(ONE, encoding="utf-8")
-    settings = made_up(source, tmp_path / "one.yaml", 0.1, 1e5, axis, tmp_path / "m.csv")
+    settings = starting_settings(source, tmp_path / "one.yaml", 0.1, 1e5, axis, tmp_path / "m.csv")
     assert settings.mesh.gravity == gravity
 
 

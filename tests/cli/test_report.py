@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from ldsim.cli.main import main
+from ldsim.cli.app import main
 from ldsim.report.schema import check_report
 from tests.report.small_run import CONFIG, FRAMES, NAME, write_run
 

@@ -11,15 +11,15 @@ import yaml
 from click.testing import CliRunner
 
 from ldsim.artefacts.records import read_scene
-from ldsim.cli.main import main
-from ldsim.cli.motions import motion
-from ldsim.cli.stage import Run
+from ldsim.cli.app import main
 from ldsim.errors import LdsimError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene, properties_of, uniform_scene
 from ldsim.mesh.shapes import beam
-from ldsim.settings import MotionSettings, load_settings
+from ldsim.pipeline.motions import motion
+from ldsim.pipeline.options import MotionOptions
+from ldsim.settings import load_settings
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -33,9 +33,8 @@ def made(name: str, folder: Path) -> tuple[Scene, list[Motion]]:
     config = ROOT / "configs" / f"{name}.yaml"
     result = CliRunner().invoke(main, ["mesh", str(config), "--runs", str(folder)])
     assert result.exit_code == 0, result.output
-    run = Run(config, load_settings(config), folder / name)
-    scene, _ = read_scene(run.path("scene"))
-    return scene, [motion(run, scene, entry) for entry in run.settings.snapshot.motions]
+    scene, _ = read_scene(folder / name / "scene.h5")
+    return scene, [motion(scene, entry, config.parent) for entry in load_settings(config).snapshot.motions]
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
@@ -96,8 +95,7 @@ def test_a_release_reaches_its_target_holds_it_and_lets_go() -> None:
 
 
 def built(settings: dict[str, Any]) -> Motion:
-    run = Run(ROOT / "configs" / "motions.yaml", load_settings(ROOT / "configs" / "motions.yaml"), Path())
-    return motion(run, BODY, MotionSettings.model_validate({"name": "m"} | settings))
+    return motion(BODY, MotionOptions.model_validate({"name": "m"} | settings))
 
 
 def moving(where: dict[str, Any], **keys: object) -> dict[str, Any]:
@@ -135,9 +133,8 @@ REFUSED = {
 def test_a_motion_that_cannot_be_is_refused_by_name(settings: dict[str, Any], words: str, tmp_path: Path) -> None:
     path = [{"time": 0, "target": [0, 0, 0]}]
     (tmp_path / "bad.yaml").write_text(yaml.safe_dump({"grabs": [{"point": [0, 0, 0], "keyframes": path}]}))
-    run = Run(tmp_path / "c.yaml", load_settings(ROOT / "configs" / "motions.yaml"), Path())
     with pytest.raises(LdsimError) as caught:
-        motion(run, BODY, MotionSettings.model_validate({"name": "odd"} | settings))
+        motion(BODY, MotionOptions.model_validate({"name": "odd"} | settings), tmp_path)
     assert str(caught.value).startswith("motion odd: ")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -7,7 +7,7 @@ import pytest
 
 from ldsim.errors import SceneError
 from ldsim.mechanics.pins import pinned_vertices
-from ldsim.mechanics.regions import Ball, Box, NamedGroup, Region, Slab, VertexList, cells_in
+from ldsim.mechanics.regions import Ball, Box, Region, Slab
 from ldsim.mesh.mesh import Group, Mesh
 from ldsim.mesh.shapes import voxel_mesh
 
@@ -17,35 +17,37 @@ ENDS = np.flatnonzero((ROW.vertices[:, 0] < 0.01) | (ROW.vertices[:, 0] > 0.99))
 GROUPED = Mesh(ROW.vertices, ROW.cells, "hex8", {"ends": Group(ENDS, np.array([0, 9])), "faces": Group(ENDS, ENDS[:0])})
 
 REGIONS: dict[str, tuple[Region, list[int], list[int]]] = {
-    "slab at the smallest": (Slab("x", at_max=False, thickness=0.15), [0, 1], [0, 1]),
-    "slab at the largest": (Slab("x", at_max=True, thickness=0.14), [9, 10], [9]),
-    "ball": (Ball((0.5, 0.05, 0.05), 0.13), [4, 5, 6], [4, 5]),
-    "box": (Box((0.19, 0, 0), (0.41, 0.1, 0.1)), [2, 3, 4], [2, 3]),
-    "list": (VertexList(tuple(np.flatnonzero(ROW.vertices[:, 0] < 0.11).tolist())), [0, 1], [0]),
-    "group": (NamedGroup("ends"), [0, 10], [0, 9]),
+    "slab at the smallest": (Region(slab=Slab(axis="x", at="min", thickness=0.15)), [0, 1], [0, 1]),
+    "slab at the largest": (Region(slab=Slab(axis="x", at="max", thickness=0.14)), [9, 10], [9]),
+    "ball": (Region(ball=Ball(centre=(0.5, 0.05, 0.05), radius=0.13)), [4, 5, 6], [4, 5]),
+    "box": (Region(box=Box(min=(0.19, 0, 0), max=(0.41, 0.1, 0.1))), [2, 3, 4], [2, 3]),
+    "list": (Region(vertices=tuple(np.flatnonzero(ROW.vertices[:, 0] < 0.11).tolist())), [0, 1], [0]),
+    "group": (Region(group="ends"), [0, 10], [0, 9]),
 }
 
 
 @pytest.mark.parametrize(("region", "vertices", "cells"), REGIONS.values(), ids=REGIONS)
 def test_a_region_holds_its_vertices_and_cells(region: Region, vertices: list[int], cells: list[int]) -> None:
-    held = region.vertices(GROUPED)
+    held = region.vertex_mask(GROUPED)
     assert np.unique(np.rint(10 * GROUPED.vertices[held, 0])).tolist() == vertices
     assert held.sum() == 4 * len(vertices)
-    centroids = GROUPED.vertices[GROUPED.cells[region.cells(GROUPED)]].mean(axis=1)
+    centroids = GROUPED.vertices[GROUPED.cells[region.cell_mask(GROUPED)]].mean(axis=1)
     assert sorted(np.floor(10 * centroids[:, 0]).tolist()) == cells
 
 
 def test_pins_add_up() -> None:
-    both = pinned_vertices(GROUPED, [Slab("x", False, 0.05), VertexList((5,)), NamedGroup("ends")])
+    both = pinned_vertices(
+        GROUPED, [Region(slab=Slab(axis="x", at="min", thickness=0.05)), Region(vertices=(5,)), Region(group="ends")]
+    )
     assert np.flatnonzero(both).tolist() == sorted({5, *ENDS.tolist()})
 
 
 BAD_PINS: dict[str, tuple[Region, str]] = {
-    "far ball": (Ball((5, 0, 0), 0.1), "pins no vertex; the solid spans"),
-    "empty box": (Box((0.31, 0, 0), (0.39, 1, 1)), "pins no vertex; the solid spans"),
-    "everything": (Slab("y", False, 1.0), "hold all 44 vertices"),
-    "unknown vertex": (VertexList((3, 44)), "vertex 44 of a list does not exist; the mesh has 0 … 43"),
-    "unknown group": (NamedGroup("end"), "no group 'end'; known are ends, faces"),
+    "far ball": (Region(ball=Ball(centre=(5, 0, 0), radius=0.1)), "pins no vertex; the solid spans"),
+    "empty box": (Region(box=Box(min=(0.31, 0, 0), max=(0.39, 1, 1))), "pins no vertex; the solid spans"),
+    "everything": (Region(slab=Slab(axis="y", at="min", thickness=1.0)), "hold all 44 vertices"),
+    "unknown vertex": (Region(vertices=(3, 44)), "vertex 44 of a list does not exist; the mesh has 0 … 43"),
+    "unknown group": (Region(group="end"), "no group 'end'; known are ends, faces"),
 }
 
 
@@ -57,9 +59,9 @@ def test_pins_that_are_no_support_are_refused(region: Region, message: str) -> N
 
 def test_a_group_of_a_mesh_without_groups_says_that_there_are_none() -> None:
     with pytest.raises(SceneError, match="no group 'end'; known are none: its file defines no groups"):
-        pinned_vertices(ROW, [NamedGroup("end")])
+        pinned_vertices(ROW, [Region(group="end")])
 
 
 def test_cells_of_a_group_of_faces_are_none_and_refused() -> None:
     with pytest.raises(SceneError, match="'faces'.* changes no cell"):
-        cells_in(NamedGroup("faces"), GROUPED, "changes")
+        Region(group="faces").cells_in(GROUPED, "changes")

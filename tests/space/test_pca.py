@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ldsim.errors import SolverError
 from ldsim.mesh.shapes import beam
 from ldsim.space.basis import inner_product, weighted
-from ldsim.space.pca import Chunks, Rule, errors_against_k, fit_basis
+from ldsim.space.options import PcaOptions
+from ldsim.space.pca import Chunks, errors_against_k, fit_basis
 from ldsim.space.projection import matching_dimension
 from tests.helpers import scene
 
@@ -34,13 +35,13 @@ def streamed(rows: NDArray[np.float32], size: int) -> Chunks:
 @pytest.mark.parametrize("kind", ["mass", "euclidean"])
 def test_the_basis_is_orthonormal_in_its_inner_product(kind: str) -> None:
     metric = inner_product(BODY.mass, kind)
-    U = fit_basis(streamed(snapshots(), 40), metric, Rule(8)).basis.matrix
+    U = fit_basis(streamed(snapshots(), 40), metric, PcaOptions(k=8)).basis.matrix
     np.testing.assert_allclose(weighted(metric, U.T) @ U, np.eye(8), atol=1e-12)
 
 
 def test_chunks_of_any_size_give_the_same_basis() -> None:
     metric = inner_product(BODY.mass, "mass")
-    whole, pieces = (fit_basis(streamed(snapshots(), size), metric, Rule(8)) for size in (40, 7))
+    whole, pieces = (fit_basis(streamed(snapshots(), size), metric, PcaOptions(k=8)) for size in (40, 7))
     # products of single precision are summed in another order
     np.testing.assert_allclose(pieces.singular_values[:8], whole.singular_values[:8], rtol=1e-5)
     np.testing.assert_allclose(pieces.basis.matrix, whole.basis.matrix, atol=1e-4 * np.abs(whole.basis.matrix).max())
@@ -48,7 +49,7 @@ def test_chunks_of_any_size_give_the_same_basis() -> None:
 
 def test_the_euclidean_basis_spans_what_the_singular_value_decomposition_does() -> None:
     rows = snapshots()
-    basis = fit_basis(streamed(rows, 16), inner_product(BODY.mass, "euclidean"), Rule(6))
+    basis = fit_basis(streamed(rows, 16), inner_product(BODY.mass, "euclidean"), PcaOptions(k=6))
     _, values, vt = np.linalg.svd(rows.astype(np.float64), full_matrices=False)
     np.testing.assert_allclose(basis.singular_values[:6], values[:6], rtol=1e-5)
     assert np.linalg.svd(vt[:6] @ basis.basis.matrix)[1].min() == pytest.approx(1, abs=1e-8)
@@ -56,7 +57,7 @@ def test_the_euclidean_basis_spans_what_the_singular_value_decomposition_does() 
 
 def test_errors_against_k_are_those_of_the_projections() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    basis = fit_basis(streamed(rows, 16), metric, Rule(8)).basis
+    basis = fit_basis(streamed(rows, 16), metric, PcaOptions(k=8)).basis
     U = basis.matrix
     largest, mean = errors_against_k(streamed(rows, 16), basis)
     for k in (0, 3, 8):
@@ -67,9 +68,9 @@ def test_errors_against_k_are_those_of_the_projections() -> None:
 
 def test_the_rule_takes_the_fewest_modes_within_the_tolerance() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    full = fit_basis(streamed(rows, 16), metric, Rule(12))
+    full = fit_basis(streamed(rows, 16), metric, PcaOptions(k=12))
     tolerance = 0.5 * (full.max_error[5] + full.max_error[6])
-    basis = fit_basis(streamed(rows, 16), metric, Rule(tolerance=tolerance, max_k=40))
+    basis = fit_basis(streamed(rows, 16), metric, PcaOptions(tolerance_mm=1e3 * tolerance, max_k=40))
     assert basis.max_error[-1] <= tolerance
     assert (basis.max_error[:-1] > tolerance).all()
 
@@ -85,32 +86,36 @@ def spoilt(rows: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @pytest.mark.parametrize(
-    ("change", "k", "tolerance", "message"),
+    ("change", "k", "message"),
     [
-        (lambda rows: rows, 41, 0.0, "k = 41 but there are only 40 training snapshots"),
-        (lambda rows: rows, 20, 0.0, "k = 20 but only 12 of 40 training snapshots are independent"),
-        (zeros, 3, 0.0, "all training snapshots are zero"),
-        (spoilt, 3, 0.0, "training snapshot 17 holds a displacement that is not finite"),
-        (lambda rows: rows[:0], 3, 0.0, "there are no training snapshots"),
+        (lambda rows: rows, 41, "k = 41 but there are only 40 training snapshots"),
+        (lambda rows: rows, 20, "k = 20 but only 12 of 40 training snapshots are independent"),
+        (zeros, 3, "all training snapshots are zero"),
+        (spoilt, 3, "training snapshot 17 holds a displacement that is not finite"),
+        (lambda rows: rows[:0], 3, "there are no training snapshots"),
     ],
 )
 def test_what_cannot_be_done_is_said_in_one_line(
-    change: Callable[[NDArray[np.float32]], NDArray[np.float32]], k: int, tolerance: float, message: str
+    change: Callable[[NDArray[np.float32]], NDArray[np.float32]], k: int, message: str
 ) -> None:
     rows = change(snapshots())
     with pytest.raises(SolverError, match=message) as error:
-        fit_basis(streamed(rows, 16), inner_product(BODY.mass, "mass"), Rule(k, tolerance=tolerance, max_k=40))
+        fit_basis(
+            streamed(rows, 16),
+            inner_product(BODY.mass, "mass"),
+            PcaOptions(k=k),
+        )
     assert "\n" not in str(error.value)
 
 
 def test_too_small_a_limit_for_the_rule_names_the_error_reached() -> None:
     with pytest.raises(SolverError, match="2 modes leave a vertex error of"):
-        fit_basis(streamed(snapshots(), 16), inner_product(BODY.mass, "mass"), Rule(tolerance=1e-9, max_k=2))
+        fit_basis(streamed(snapshots(), 16), inner_product(BODY.mass, "mass"), PcaOptions(tolerance_mm=1e-6, max_k=2))
 
 
 def test_the_energy_rule_loses_no_more_than_it_may_and_needs_every_mode() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    basis = fit_basis(streamed(rows, 16), metric, Rule(criterion="energy", tolerance=1e-2, max_k=40)).basis
+    basis = fit_basis(streamed(rows, 16), metric, PcaOptions(criterion="energy", energy=1e-2, max_k=40)).basis
     U = basis.matrix
 
     def lost(k: int) -> float:
@@ -123,9 +128,14 @@ def test_the_energy_rule_loses_no_more_than_it_may_and_needs_every_mode() -> Non
 
 def test_the_mean_rule_takes_the_fewest_modes_whose_mean_error_is_within_the_tolerance() -> None:
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
-    full = fit_basis(streamed(rows, 16), metric, Rule(12))
+    full = fit_basis(streamed(rows, 16), metric, PcaOptions(k=12))
     tolerance = 0.5 * (full.mean_error[5] + full.mean_error[6])
-    assert fit_basis(streamed(rows, 16), metric, Rule(None, "mean_error", tolerance, 40)).basis.k == 6
+    assert (
+        fit_basis(
+            streamed(rows, 16), metric, PcaOptions(criterion="mean_error", tolerance_mm=1e3 * tolerance, max_k=40)
+        ).basis.k
+        == 6
+    )
 
 
 @pytest.mark.parametrize("size", [40, 7])
@@ -133,7 +143,7 @@ def test_single_precision_products_give_the_same_basis_as_an_in_memory_decomposi
     rows, metric = snapshots(), inner_product(BODY.mass, "mass")
     root = np.kron(np.linalg.cholesky(metric.toarray()).T, np.eye(3))
     _, values, vt = np.linalg.svd(rows.astype(np.float64) @ root.T, full_matrices=False)
-    basis = fit_basis(streamed(rows, size), metric, Rule(5))
+    basis = fit_basis(streamed(rows, size), metric, PcaOptions(k=5))
     np.testing.assert_allclose(basis.singular_values[:5], values[:5], rtol=1e-5)
     assert np.linalg.svd(vt[:5] @ root @ basis.basis.matrix)[1].min() == pytest.approx(1, abs=1e-6)
 
@@ -142,15 +152,15 @@ def test_modes_below_the_rounding_of_single_precision_are_found_too() -> None:
     rng, metric = np.random.default_rng(3), inner_product(BODY.mass, "euclidean")
     modes = np.linalg.qr(rng.normal(size=(SIZE, 4)))[0].T * np.array([1.0, 1e-1, 1e-4, 3e-5])[:, None]
     rows = (np.linalg.qr(rng.normal(size=(40, 4)))[0] @ modes).astype(np.float32)
-    basis = fit_basis(streamed(rows, 16), metric, Rule(4))
+    basis = fit_basis(streamed(rows, 16), metric, PcaOptions(k=4))
     np.testing.assert_allclose(basis.singular_values[:4], [1.0, 1e-1, 1e-4, 3e-5], rtol=1e-3)
 
 
 def test_snapshots_that_are_all_the_same_have_one_mode_and_no_second() -> None:
     rows, metric = np.repeat(snapshots()[:1], 30, axis=0), inner_product(BODY.mass, "mass")
-    assert fit_basis(streamed(rows, 16), metric, Rule(1)).max_error[-1] < 1e-6
+    assert fit_basis(streamed(rows, 16), metric, PcaOptions(k=1)).max_error[-1] < 1e-6
     with pytest.raises(SolverError, match="k = 2 but only 1 of 30 training snapshots are independent"):
-        fit_basis(streamed(rows, 16), metric, Rule(2))
+        fit_basis(streamed(rows, 16), metric, PcaOptions(k=2))
 
 
 @pytest.mark.parametrize(("target", "dimension"), [(100.0, 1), (4.9, 1), (2.9, 2), (2.4, 3), (0.0, 4)])

@@ -1,4 +1,4 @@
-"""The configuration that `ldsim record` makes up for a mesh or surface file that comes without one."""
+"""The configuration that a mesh or surface file starts with, where it comes without one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.mechanics.loads import usual_grip
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
-from ldsim.settings import Settings, dump, settings_of
+from ldsim.settings.experiment import Settings, settings_of
 
 SURFACES = (".stl", ".obj", ".ply", ".off")
 # Of the extent of the file along the axis that it is pinned on.
@@ -29,7 +29,9 @@ def is_surface(source: Path) -> bool:
     return source.suffix.lower() in SURFACES
 
 
-def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axis: str, recording: Path) -> Settings:
+def starting_settings(
+    source: Path, config: Path, scale: float, youngs_modulus: float, axis: str, recording: Path
+) -> Settings:
     """A solid of the usual material, pinned at the low end of an axis, that learns from one recording.
 
     Args:
@@ -62,7 +64,7 @@ def made_up(source: Path, config: Path, scale: float, youngs_modulus: float, axi
 
 
 def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
-    """Write a made-up configuration, with random and synthetic pulls to learn from and a few others to judge it by.
+    """Write a starting configuration, with random and synthetic pulls to learn from and a few others to judge it by.
 
     Raises:
         ArtefactError: it cannot be written.
@@ -80,4 +82,4 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
     content["train"]["synthetic"] = {"count": 60, "seed": 3} | pulls
     with replacing(path) as temporary:
-        temporary.write_text(dump(settings_of(content, str(path)), defaults=False), encoding="utf-8")
+        temporary.write_text(settings_of(content, str(path)).dump(defaults=False), encoding="utf-8")

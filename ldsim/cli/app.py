@@ -62,6 +62,11 @@ class LazyGroup(click.Group):
             )
 
 
+port_option = click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any that is free.")
+browser_option = click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
+until_closed_option = click.option("--until-closed", is_flag=True, help="End when the page is closed.")
+
+
 def _end_with(message: str) -> Never:
     """Say what is wrong in one line, and leave with status 1."""
     click.echo(f"error: {' '.join(message.split())}", err=True)

@@ -1,0 +1,34 @@
+"""The files that options name, outside the run."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ldsim.errors import SettingsError
+
+DATA_VARIABLE = "LDSIM_DATA"
+DATA_ORIGIN = "its authors publish it in the GitHub repository lawsonfulton/AutoDef"
+
+
+def resolve_path(text: str, base: Path) -> Path:
+    """A path of a configuration: $LDSIM_DATA expanded, relative to the folder `base`, that of the configuration.
+
+    Raises:
+        SettingsError: LDSIM_DATA is used but not set, or the file is not there.
+    """
+    from_data = DATA_VARIABLE in text
+    if from_data:
+        root = os.environ.get(DATA_VARIABLE, "")
+        if not root:
+            raise SettingsError(
+                f"{text} needs the environment variable {DATA_VARIABLE}: the folder that holds the paper's meshes/ and "
+                f"interactions/; {DATA_ORIGIN}"
+            )
+        root = str(Path(root).resolve())
+        text = text.replace("${" + DATA_VARIABLE + "}", root).replace("$" + DATA_VARIABLE, root)
+    path = base / Path(text).expanduser()
+    if not path.exists():
+        hint = f"; {DATA_VARIABLE} says where the paper's data lie, {DATA_ORIGIN}" if from_data else ""
+        raise SettingsError(f"{path} does not exist{hint}")
+    return path

@@ -1,0 +1,132 @@
+"""The options of the stages mesh and snapshot, which put together those of the rooms below."""
+
+from __future__ import annotations
+
+import random
+from typing import Annotated, Literal
+
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.mechanics.options import (
+    CellDataOptions,
+    GravitySweepOptions,
+    LoadOptions,
+    MaterialOptions,
+    MaterialRegionOptions,
+    PullOptions,
+    ReleaseOptions,
+    ScriptOptions,
+)
+from ldsim.mechanics.regions import Region
+from ldsim.mesh.options import ShapeOptions, SurfaceOptions
+from ldsim.options import Field, Options, Positive, Seed, Vector, model_validator
+
+MOTION_KINDS = ("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
+
+
+class MeshOptions(Options):
+    """The scene: all that is physical."""
+
+    file: Annotated[str | None, Field(description="Volume mesh in a format that meshio reads.")] = None
+    shape: Annotated[ShapeOptions | None, Field(description="A procedural shape instead of a file.")] = None
+    surface: Annotated[
+        SurfaceOptions | None, Field(description="A closed triangle surface instead, filled with tets.")
+    ] = None
+    scale: Annotated[Positive, Field(description="Factor from the file's unit to metres.")] = 1.0
+    refine: Annotated[int, Field(ge=0, le=4, description="Cut every tet into eight, this many times.")] = 0
+    reorient: Annotated[bool, Field(description="Flip left-handed cells instead of refusing them.")] = False
+    material: MaterialOptions
+    density: Annotated[Positive, Field(description="kg/m³.")] = 1000.0
+    cell_data: Annotated[
+        CellDataOptions | None, Field(description="Material read from the mesh file, cell by cell.")
+    ] = None
+    regions: Annotated[
+        tuple[MaterialRegionOptions, ...], Field(description="Other material in parts; the last one wins.")
+    ] = ()
+    pins: Annotated[tuple[Region, ...], Field(min_length=1, description="Vertices that do not move by themselves.")]
+    gravity: Annotated[Vector, Field(description="Acceleration, m/s².")] = (0.0, -9.8, 0.0)
+    loads: Annotated[tuple[LoadOptions, ...], Field(description="Forces besides gravity.")] = ()
+    time_step: Annotated[Positive, Field(description="h, s.")] = 0.005
+
+    @model_validator(mode="after")
+    def _one(self) -> MeshOptions:
+        if [self.file, self.shape, self.surface].count(None) != 2:
+            raise ValueError("give exactly one of file, shape, surface")
+        if self.cell_data is not None and self.file is None:
+            raise ValueError("cell_data is read from a mesh file; with a shape or a surface use regions")
+        return self
+
+    @property
+    def input_files(self) -> tuple[str, ...]:
+        """The files that it names, as it names them."""
+        name = self.file if self.surface is None else self.surface.file
+        return () if name is None else (name,)
+
+
+class MotionOptions(Options):
+    """One motion: what pulls on the solid, and whether the model may learn from it."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the motion in every artefact.")]
+    role: Annotated[
+        Literal["train", "heldout"] | None,
+        Field(description="Whether the model may learn from it; left out, train, or as heldout_share chooses."),
+    ] = None
+    recording: Annotated[str | None, Field(description="CSV of a recorded interaction.")] = None
+    pulls: Annotated[PullOptions | None, Field(description="Seeded random pulls.")] = None
+    script: Annotated[ScriptOptions | None, Field(description="Keyframes of grabs, moving pins and gravity.")] = None
+    script_file: Annotated[str | None, Field(description="The same in a YAML file of its own.")] = None
+    gravity_sweep: Annotated[GravitySweepOptions | None, Field(description="Gravity from every direction in turn.")] = (
+        None
+    )
+    release: Annotated[ReleaseOptions | None, Field(description="Into a pose by a grab, then let go.")] = None
+    frames: Annotated[int | None, Field(ge=1, description="Use only the first frames.")] = None
+
+    @model_validator(mode="after")
+    def _one(self) -> MotionOptions:
+        if sum(getattr(self, kind) is not None for kind in MOTION_KINDS) != 1:
+            raise ValueError(f"give exactly one of {', '.join(MOTION_KINDS)}")
+        return self
+
+
+class SnapshotOptions(FullOptions):
+    """Full-space runs that the model learns from and is judged on."""
+
+    motions: Annotated[tuple[MotionOptions, ...], Field(min_length=1, description="What happens to the solid.")]
+    heldout_share: Annotated[
+        float,
+        Field(ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."),
+    ] = 0.0
+    heldout_seed: Annotated[Seed, Field(description="Of the choice of these.")] = 0
+    workers: Annotated[int, Field(ge=1, description="Motions that run side by side.")] = 2
+
+    @model_validator(mode="after")
+    def _distinct(self) -> SnapshotOptions:
+        names = [motion.name for motion in self.motions]
+        if len(set(names)) < len(names):
+            raise ValueError(f"motions must have different names, got {', '.join(names)}")
+        if "train" not in self.roles:
+            raise ValueError("at least one motion must have the role train")
+        return self
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The role of each motion, given or chosen."""
+        open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
+        count = max(round(self.heldout_share * len(open_)), 1) if self.heldout_share > 0 and open_ else 0
+        chosen = random.Random(self.heldout_seed).sample(open_, count)
+        return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
+
+    @property
+    def solver(self) -> FullOptions:
+        """Those of the solver alone."""
+        return FullOptions(**self.model_dump(include=set(FullOptions.model_fields)))
+
+    @property
+    def seed(self) -> int:
+        """Of the first random pulls; −1 where there are none."""
+        return next((motion.pulls.seed for motion in self.motions if motion.pulls is not None), -1)
+
+    @property
+    def input_files(self) -> tuple[str, ...]:
+        """The files that it names, as it names them."""
+        files = (name for motion in self.motions for name in (motion.recording, motion.script_file))
+        return tuple(name for name in files if name is not None)

@@ -1,0 +1,47 @@
+"""Serving a page until it is closed or interrupted."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import threading
+import webbrowser
+from collections.abc import Callable
+
+from ldsim.jit import one_thread
+from ldsim.viewer.server import Server
+
+Tell = Callable[[str], None]
+
+
+def serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
+    """Serve until interrupted, or until the page is closed where the server was told so.
+
+    Args:
+        browser: whether to open the page in one.
+        tell, warn: what take the address of the page, and what went wrong with the browser.
+    """
+    with one_thread():
+        asyncio.run(_serve(server, browser, tell, warn))
+    tell("stopped")
+
+
+async def _serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
+    if threading.current_thread() is threading.main_thread():  # no other thread can take signals
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, server.end)
+    await server.run(lambda url: _announce(url, browser, tell, warn))
+
+
+def _announce(url: str, browser: bool, tell: Tell, warn: Tell) -> None:
+    tell(f"{url}\npull the solid there; press Ctrl+C here to stop")
+    if browser and not _opened(url):
+        warn("no browser could be started here; open the address above in one")
+
+
+def _opened(url: str) -> bool:
+    try:
+        return webbrowser.open(url)
+    except webbrowser.Error:
+        return False
