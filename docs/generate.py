@@ -129,7 +129,13 @@ def commands_page() -> str:
         group: click.Group = main
         command = group.get_command(click.Context(main), name)
         assert command is not None
-        context = click.Context(command, info_name=f"ldsim {name}", max_content_width=100, terminal_width=100, help_option_names=["-h", "--help"])
+        context = click.Context(
+            command,
+            info_name=f"ldsim {name}",
+            max_content_width=100,
+            terminal_width=100,
+            help_option_names=["-h", "--help"],
+        )
         text += f"\n## ldsim {name}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"
     return text
 
