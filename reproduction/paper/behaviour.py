@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ldsim.cubature.fit import fit
 from ldsim.cubature.forces import ProjectedForces
 from ldsim.cubature.goal import Goal
-from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.selection import split_poses
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
-from ldsim.space.decoder import Decoder
+from ldsim.run import Run
+from ldsim.space.space import Space
 from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import Material, opened, relative_error
+from reproduction.paper.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
 from reproduction.paper.scenes import bar, catapult, dragon, elephant
 
 Array = NDArray[np.float64]
@@ -32,18 +32,16 @@ STIFFER = 2.0
 
 def one_cubature_point(bench: Bench) -> Outcome:
     """Figure 10: the catapult with a single cubature point, latent with r = 2 against PCA-6."""
-    with opened(bench.made(catapult(bench.quick), "train")) as run, one_thread():
-        name, q, model = run.names[0], run.training_coordinates, run.model
-        spaces = {
-            "latent": (model.decoder, model.encoder(q)),
-            "linear": (Decoder.identity(LINEAR_MODES), q[:, :LINEAR_MODES]),
-        }
+    with Run.open(bench.made(catapult(bench.quick), "train")) as run, one_thread():
+        motion, q = run.snapshots.names[0], training_coordinates(run)
+        spaces = [latent(run), Space.linear(run.scene, run.basis, LINEAR_MODES)]
+        options = PLAYED.model_copy(update={"current": False})
         played = {
-            space: run.play(name, decoder, _single_point(run, decoder, z), current=False)
-            for space, (decoder, z) in spaces.items()
+            space.name: play(run, motion, _with_single_point(space, q[:, : space.decoder.k]), options=options)
+            for space in spaces
         }
-        reach = {space: _reach(run, trajectory) for space, trajectory in played.items()}
-        full = np.linalg.norm(run.frames(name), axis=2).max(axis=1)
+        reach = {space.name: _reach(space, played[space.name]) for space in spaces}
+        full = np.linalg.norm(displacements(run, motion), axis=2).max(axis=1)
     figure, ax = new_axes("frame", "largest displacement, m", height=3.2)
     for space, values in {"full": full, **reach}.items():
         ax.plot(values, color=PALETTE[space], label=space)
@@ -65,18 +63,18 @@ def one_cubature_point(bench: Bench) -> Outcome:
     return Outcome(to_svg(figure, label), numbers, relations)
 
 
-def _single_point(run: Material, decoder: Decoder, z: Array) -> CubatureRule:
-    U = np.ascontiguousarray(run.basis.U[:, : decoder.k])
+def _with_single_point(space: Space, q: Array) -> Space:
+    z = space.encoder(q)
     poses, _ = split_poses(len(z), min(POSES, len(z) - 1), 0, seed=0)
-    return fit(ProjectedForces(run.scene, U, decoder, z[poses]), Goal(1e-6, 1)).best
+    forces = ProjectedForces(space.scene, space.reduced_basis.matrix, space.decoder, z[poses])
+    return space.with_rule(fit(forces, Goal(1e-6, 1)).best)
 
 
-def _reach(run: Material, trajectory: Trajectory) -> Array:
+def _reach(space: Space, trajectory: Trajectory) -> Array:
     """Largest displacement of any vertex in each frame, (N,) m; NaN once diverged."""
     assert trajectory.coordinates is not None
-    q = trajectory.coordinates
-    U = run.basis.U[:, : q.shape[1]]
-    return np.array([np.linalg.norm((U @ row).reshape(-1, 3), axis=1).max() for row in q])
+    u = space.displacement(trajectory.coordinates)
+    return np.asarray(np.linalg.norm(u, axis=2).max(axis=1), dtype=np.float64)
 
 
 def _largest(values: Array) -> float:
@@ -85,18 +83,18 @@ def _largest(values: Array) -> float:
 
 def cubature_against_every_element(bench: Bench) -> Outcome:
     """Figure 11: the dragon at E = 1e5 Pa in the latent space against full space, with and without cubature."""
-    with opened(bench.made(dragon(bench.quick), "cubature")) as run, one_thread():
-        name, points = run.names[0], run.cubature("latent")
+    with Run.open(bench.made(dragon(bench.quick), "cubature")) as run, one_thread():
+        motion, rule = run.snapshots.names[0], run.cubature["latent"].best
         played = {
-            "every element": run.play(name, run.model.decoder),
-            f"{len(points.points)} points": run.play(name, run.model.decoder, points),
+            "every element": play(run, motion, latent(run)),
+            f"{len(rule.points)} points": play(run, motion, latent(run, rule)),
         }
     figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
     for i, (label, trajectory) in enumerate(played.items()):
         assert trajectory.mean_error is not None
         ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=0.5 + 0.5 * i, label=label)
     legend(ax)
-    errors = {label: relative_error(trajectory) for label, trajectory in played.items()}
+    errors = {label: trajectory.relative_error for label, trajectory in played.items()}
     every, few = errors.values()
     relations = (
         Relation("online error with every element", every, "<= 0.1"),
@@ -110,21 +108,20 @@ def material_after_training(bench: Bench) -> Outcome:
     """Figure 14: the bar at E = 1e5 Pa as trained, and stiffened after training, against the full space."""
     folder = bench.made(bar(bench.quick), "train")
     other = bench.made(bar(bench.quick, youngs_modulus=STIFFER * 1e5), "snapshot")
-    with opened(folder) as run, opened(other) as stiffer, one_thread():
-        name = run.snapshots.with_role("train")[0]
+    with Run.open(folder) as run, Run.open(other) as stiffer, one_thread():
+        motion, space = run.snapshots.with_role("train")[0], latent(run)
         scene = replace(run.scene, mu=STIFFER * run.scene.mu, lam=STIFFER * run.scene.lam)
-        as_trained = run.play(name, run.model.decoder)
-        judge = Material(run.folder, stiffer.snapshots)
-        changed = judge.play(name, run.model.decoder, scene=scene)
-        unchanged = judge.play(name, run.model.decoder)
+        as_trained = play(run, motion, space)
+        changed = play(stiffer, motion, replace(space, scene=scene))
+        unchanged = play(stiffer, motion, space)
     curves = {"as trained": as_trained, "stiffened after training": changed}
     figure, ax = new_axes("frame", "mean vertex error, mm", height=3.2)
     for i, (label, trajectory) in enumerate(curves.items()):
         assert trajectory.mean_error is not None
         ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=1 - 0.5 * i, label=label)
     legend(ax)
-    errors = {label: relative_error(trajectory) for label, trajectory in curves.items()}
-    errors["stiffened, material not changed"] = relative_error(unchanged)
+    errors = {label: trajectory.relative_error for label, trajectory in curves.items()}
+    errors["stiffened, material not changed"] = unchanged.relative_error
     relations = (
         Relation("online error as trained", errors["as trained"], "<= 0.05"),
         Relation("online error, twice the modulus set after training", errors["stiffened after training"], "<= 0.1"),
@@ -141,16 +138,16 @@ def material_after_training(bench: Bench) -> Outcome:
 def local_pull(bench: Bench) -> Outcome:
     """Figure 15: a pull on the elephant's arm moves the far half of a reduced elephant more than the full one's."""
     name = "local_effect"
-    with opened(bench.made(elephant(bench.quick), "train")) as run, one_thread():
+    with Run.open(bench.made(elephant(bench.quick), "train")) as run, one_thread():
         recorded, x = run.recorded(name), run.scene.mesh.vertices
         held = x[recorded.held[0]].mean(axis=0)
         distance = np.linalg.norm(x - held, axis=1)
         far = distance > np.median(distance)
-        still = _pulled_less_unpulled(run, run.frames(name))
-        played = run.play(name, run.model.decoder)
+        still = _pulled_less_unpulled(displacements(run, name))
+        space = latent(run)
+        played = play(run, name, space)
         assert played.coordinates is not None
-        latent = (played.coordinates @ run.basis.U.T).reshape(len(played.coordinates), -1, 3)
-        moved = {"full": still, "latent": _pulled_less_unpulled(run, latent)}
+        moved = {"full": still, "latent": _pulled_less_unpulled(space.displacement(played.coordinates))}
         shares = {space: _share(u, far) for space, u in moved.items()}
     figure, ax = new_axes("frame", "mean displacement of the far half, mm", height=3.2)
     for space, u in moved.items():
@@ -163,13 +160,13 @@ def local_pull(bench: Bench) -> Outcome:
             ">= 1.2",
         ),
     )
-    numbers = {"far_share": shares, "online_error": relative_error(played)}
+    numbers = {"far_share": shares, "online_error": played.relative_error}
     return Outcome(to_svg(figure, "Motion of the half of the elephant far from a local pull"), numbers, relations)
 
 
-def _pulled_less_unpulled(run: Material, u: Array) -> Array:
+def _pulled_less_unpulled(u: Array) -> Array:
     """Displacements (N, n, 3) relative to those of the first frame, before the pull has moved anything."""
-    assert len(u) > 1 and run.scene.mesh.n_vertices == u.shape[1]
+    assert len(u) > 1
     return u - u[:1]
 
 

@@ -8,19 +8,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.dynamics.reduced.minimiser import Method
-from ldsim.dynamics.reduced.stepper import ReducedState, ReducedStepper
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Solution
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
-from ldsim.space.decoder import Decoder
+from ldsim.run import Run
 from ldsim.space.encoder import nearest_latent
+from ldsim.space.space import Space
 from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import Material, opened
+from reproduction.paper.reduced_runs import latent, training_coordinates
 from reproduction.paper.scenes import cross
 
 Array = NDArray[np.float64]
@@ -35,47 +37,39 @@ SHOWN = (1, 2, 3, 5, 8, 12, 18, 25, 35, 50, 70, 100, 140, 200, 300)
 
 def _full(scene: Scene, u: Array) -> Solve:
     def solve(most: int) -> Solution:
-        state = FullState(u, u, np.zeros_like(u))
         # the rest pose's Hessian throughout, as in the paper
-        return FullStepper(scene, FullOptions(tolerance=TOLERANCE, factor_cost=10**9, max_iterations=most)).step(
-            state, []
-        )[1]
+        options = FullOptions(tolerance=TOLERANCE, factor_cost=10**9, max_iterations=most)
+        return FullStepper(scene, options).step(FullState(u, u, np.zeros_like(u)), Loads())[1]
 
     return solve
 
 
-def _reduced(scene: Scene, U: Array, decoder: Decoder, z: Array) -> Solve:
-    q = decoder(z)
-    every = CubatureRule.every(scene)
+def _reduced(space: Space, z: Array) -> Solve:
+    q = space.decoder(z)
 
     def solve(most: int) -> Solution:
-        stepper = ReducedStepper(
-            scene, U, decoder, every,
-            tolerance=TOLERANCE, max_iterations=most, method=Method.LBFGS, current=False, inertia_in_metric=False,
-        )  # fmt: skip
-        return stepper.step(ReducedState.moving(z, z, q, q), [])[1]
+        options = ReducedOptions(tolerance=TOLERANCE, max_iterations=most, method="lbfgs", current=False, inertia=False)
+        return ReducedStepper(space, options).step(ReducedState.moving(z, z, q, q), Loads())[1]
 
     return solve
 
 
-def _solves(run: Material) -> dict[str, Solve]:
+def _solves(run: Run) -> dict[str, Solve]:
     """A solve in each space from the pose of the training motion that is farthest from rest."""
     scene = replace(run.scene, gravity=np.zeros(3), time_step=FOREVER)
-    q = run.training_coordinates
+    q, model = training_coordinates(run), run.model
     farthest = int(np.linalg.norm(q, axis=1).argmax())
-    model, narrow = run.model, np.ascontiguousarray(run.basis.U[:, : run.model.kp])
     z = nearest_latent(model.decoder, q[farthest], model.encoder(q[farthest : farthest + 1])[0])
-    u = (run.basis.U @ q[farthest]).reshape(-1, 3)
     return {
-        "latent": _reduced(scene, run.basis.U, model.decoder, z),
-        "linear": _reduced(scene, narrow, Decoder.identity(model.kp), q[farthest, : model.kp]),
-        "full": _full(scene, u),
+        "latent": _reduced(replace(latent(run), scene=scene), z),
+        "linear": _reduced(Space.linear(scene, run.basis, model.kp), q[farthest, : model.kp]),
+        "full": _full(scene, run.basis.displacement(q[farthest])),
     }
 
 
 def convergence(bench: Bench) -> Outcome:
     """Iterations, evaluations and final potential of each space, and the potential on the way."""
-    with opened(bench.made(cross(bench.quick), "train")) as run, one_thread():
+    with Run.open(bench.made(cross(bench.quick), "train")) as run, one_thread():
         solves = _solves(run)
         dimensions = {"latent": run.model.decoder.r, "linear": run.model.kp, "full": 3 * len(run.scene.free)}
         ends = {space: solve(MOST) for space, solve in solves.items()}

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
-from ldsim.space.decoder import Decoder
+from ldsim.run import Run
+from ldsim.space.space import Space
 from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import Material, opened, relative_error
+from reproduction.paper.reduced_runs import displacements, largest_error, latent, play, training_coordinates
 from reproduction.paper.scenes import Configuration
 
 Array = NDArray[np.float64]
@@ -44,17 +45,12 @@ def _configuration(bench: Bench) -> Configuration:
     }
 
 
-def _bob(run: Material, u: Array) -> Array:
+def _bob(run: Run, u: Array) -> Array:
     """The path of the bob's lowest vertices' centroid, (N, 3), m, for displacements (N, n, 3)."""
     rest = run.scene.mesh.vertices
     lowest = rest[:, 1] < rest[:, 1].min() + 1e-6
     path: Array = (rest + u)[:, lowest].mean(axis=1)
     return path
-
-
-def _displacements(run: Material, q: Array) -> Array:
-    u: Array = (q @ run.basis.U[:, : q.shape[1]].T).reshape(len(q), -1, 3)
-    return u
 
 
 def _draw(paths: dict[str, Array], label: str) -> str:
@@ -75,16 +71,18 @@ def _draw(paths: dict[str, Array], label: str) -> str:
 
 def one_coordinate_is_enough(bench: Bench) -> Outcome:
     """Figure 2: the snapshots of the swing as each space can represent them."""
-    with opened(bench.made(_configuration(bench), "train")) as run:
-        q = run.training_coordinates
+    with Run.open(bench.made(_configuration(bench), "train")) as run:
+        q = training_coordinates(run)
         decoded = {
             "PCA-1": q[:, :1],
             "PCA-2": q[:, :2],
             "autoencoder-1": run.model.decoder(run.model.encoder(q)),
         }
-        errors = {name: run.largest_error(values) for name, values in decoded.items()}
-        paths = {"full": _bob(run, run.frames("swing"))}
-        paths |= {name: _bob(run, _displacements(run, values)) for name, values in decoded.items()}
+        errors = {name: largest_error(run, values) for name, values in decoded.items()}
+        paths = {"full": _bob(run, displacements(run, "swing"))}
+        paths |= {
+            name: _bob(run, run.basis.columns(values.shape[1]).displacement(values)) for name, values in decoded.items()
+        }
     relations = (
         Relation(
             "largest vertex error, one linear over one nonlinear coordinate",
@@ -103,14 +101,14 @@ def one_coordinate_is_enough(bench: Bench) -> Outcome:
 
 def larger_bends(bench: Bench) -> Outcome:
     """Figure 3: the swing simulated with one degree of freedom, linear and nonlinear."""
-    with opened(bench.made(_configuration(bench), "train")) as run:
-        spaces = {"PCA-1": Decoder.identity(1), "PCA-2": Decoder.identity(2), "autoencoder-1": run.model.decoder}
-        runs = {name: run.play("swing", decoder) for name, decoder in spaces.items()}
-        errors = {name: relative_error(result) for name, result in runs.items()}
-        paths = {"full": _bob(run, run.frames("swing"))}
+    with Run.open(bench.made(_configuration(bench), "train")) as run:
+        spaces = {f"PCA-{k}": Space.linear(run.scene, run.basis, k) for k in (1, 2)} | {"autoencoder-1": latent(run)}
+        runs = {name: play(run, "swing", space) for name, space in spaces.items()}
+        errors = {name: result.relative_error for name, result in runs.items()}
+        paths = {"full": _bob(run, displacements(run, "swing"))}
         for name, result in runs.items():
             assert result.coordinates is not None
-            paths[name] = _bob(run, _displacements(run, result.coordinates))
+            paths[name] = _bob(run, spaces[name].displacement(result.coordinates))
     rise = {name: float(np.nanmax(path[:, 1]) - paths["full"][0, 1]) for name, path in paths.items()}
     relations = (
         Relation(

@@ -12,8 +12,10 @@ from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import Trained, train
 from ldsim.report.svg import INK, PALETTE, legend, log_scale, new_axes, to_svg
+from ldsim.run import Run
+from ldsim.space.space import Space
 from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import Material, opened
+from reproduction.paper.reduced_runs import largest_error, play, training_coordinates
 from reproduction.paper.scenes import bar, cross
 
 Array = NDArray[np.float64]
@@ -22,26 +24,28 @@ Array = NDArray[np.float64]
 PAPER = TrainOptions(balance=0.0, validation_share=0.1)
 
 
-def _trained(run: Material, r: int, k: int, options: TrainOptions) -> tuple[Trained, float]:
+def _trained(run: Run, r: int, k: int, options: TrainOptions) -> tuple[Trained, float]:
     """An autoencoder on the first k coordinates and its largest vertex error on the training snapshots, mm."""
-    q = np.ascontiguousarray(run.training_coordinates[:, :k])
+    q = np.ascontiguousarray(training_coordinates(run)[:, :k])
     with one_thread():
         trained = train(Examples(q), r, options)
-    return trained, run.largest_error(trained.decoder(trained.encoder(q)))
+    return trained, largest_error(run, trained.decoder(trained.encoder(q)))
 
 
 def depth(bench: Bench) -> Outcome:
     """Figure 6: error and step time against the number of hidden layers (X, r 6, k 19, width 200)."""
     epochs, width, repeats = (200, 60, 1) if bench.quick else (500, 200, 3)
     depths = range(1, 7)
-    with opened(bench.made(cross(bench.quick), "cubature")) as run:
-        motion, points = run.names[0], run.cubature("latent")
+    with Run.open(bench.made(cross(bench.quick), "cubature")) as run:
+        motion, rule = run.snapshots.names[0], run.cubature["latent"].best
 
         def measured(layers: int, seed: int) -> dict[str, Any]:
             options = PAPER.replace(hidden=(width,) * layers, epochs=epochs, seed=seed)
             trained, error = _trained(run, 6, 19, options)
             with one_thread():
-                played = run.play(motion, trained.decoder, points, frames=100)
+                networks = trained.decoder, trained.encoder
+                space = Space.latent(run.scene, run.basis.columns(19), networks, rule)
+                played = play(run, motion, space, frames=100)
             cost = played.seconds / np.maximum(played.evaluations, 1)
             return {
                 "max_mm": error,
@@ -90,7 +94,7 @@ def latent_and_outer_size(bench: Bench) -> Outcome:
     """Figure 7: largest training error against r, for several k (beam)."""
     rs, ks = ((1, 3, 6, 10), (6, 10, 20)) if bench.quick else ((1, 3, 6, 10, 15, 20), (3, 6, 10, 15, 20, 30))
     epochs, repeats = (300, 1) if bench.quick else (500, 3)
-    with opened(bench.made(bar(bench.quick), "pca")) as run:
+    with Run.open(bench.made(bar(bench.quick), "pca")) as run:
 
         def measured(r: int, k: int, seed: int) -> dict[str, Any]:
             options = PAPER.replace(epochs=epochs, seed=seed)
@@ -102,7 +106,7 @@ def latent_and_outer_size(bench: Bench) -> Outcome:
             return float(np.mean([result["max_mm"] for result in results]))
 
         table = {k: {r: mean(r, k) for r in rs if r <= k} for k in ks}
-        floor = {k: 1e3 * float(run.basis.max_error[k]) for k in ks}
+        floor = {k: 1e3 * float(run.pca.max_error[k]) for k in ks}
     figure, ax = new_axes("latent dimension r", "largest vertex error, mm", height=3.4)
     for i, (k, row) in enumerate(table.items()):
         shade = 0.35 + 0.65 * i / max(len(table) - 1, 1)

@@ -9,11 +9,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from ldsim.artefacts.simulation import read_simulation
 from ldsim.report.paper import paper_row
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
+from ldsim.run import Run
 from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import opened, relative_error
 from reproduction.paper.scenes import Configuration, armadillo, bar, cross, elephant
 
 
@@ -26,25 +25,23 @@ class Side:
     step_ms: float
     evaluations: float
     evaluation_us: float
-    online_error: float
+    online_error: float | None
 
 
 def sides(bench: Bench, configuration: Configuration) -> dict[str, Side]:
     """Space → what its run of the first training motion took, the whole pipeline made where it is not."""
-    folder = bench.made(configuration, "simulate")
-    runs, _ = read_simulation(folder / "simulation.h5")
     found = {}
-    with opened(folder) as run:
+    with Run.open(bench.made(configuration, "simulate")) as run:
         motion = run.snapshots.with_role("train")[0]
         for space, dimension in (("linear", run.model.kp), ("latent", run.model.decoder.r)):
-            played = runs[space][motion]
+            played = run.simulation[space][motion]
             found[space] = Side(
                 dimension,
-                len(run.cubature(space, stepped=True).points),
+                len(run.cubature[space].stepped.points),
                 1e3 * float(np.nanmedian(played.seconds)),
                 float(played.evaluations.mean()),
                 1e6 * float(np.nanmedian(played.seconds / np.maximum(played.evaluations, 1))),
-                relative_error(played),
+                played.relative_error,
             )
     return found
 

@@ -14,9 +14,10 @@ from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import train
 from ldsim.report.svg import PALETTE, log_scale, new_axes, to_svg
+from ldsim.run import Run
 from reproduction.paper.experiment import Bench, Outcome, Relation
 from reproduction.paper.full_space import train_full_space
-from reproduction.paper.reduced_runs import opened
+from reproduction.paper.reduced_runs import displacements
 from reproduction.paper.scenes import coarse_bar
 
 Array = NDArray[np.float64]
@@ -38,10 +39,10 @@ def training_modes(bench: Bench) -> Outcome:
     """Figure 5: mean squared error and training time of the four modes (a coarse beam, r 5, k 15, [200, 200])."""
     epochs, width = (200, 60) if bench.quick else (2000, 200)
     options = TrainOptions(hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=0.01)
-    with opened(bench.made(coarse_bar(bench.quick), "pca")) as run:
-        u = np.concatenate([run.frames(name) for name in run.snapshots.with_role("train")])
+    with Run.open(bench.made(coarse_bar(bench.quick), "pca")) as run:
+        u = np.concatenate([displacements(run, name) for name in run.snapshots.with_role("train")])
         u = u.reshape(len(u), -1)
-        U = np.ascontiguousarray(run.basis.U[:, :OUTER_DIMENSION])
+        U = run.basis.columns(OUTER_DIMENSION).matrix
         rows = {
             name: bench.remembered(f"{name}, {epochs} epochs, width {width}", lambda: _measured(u, U, options, name))
             for name in NAMES

@@ -33,7 +33,7 @@ from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
 
 WAIT = 60.0
-FRAMES = 800
+FRAMES = 400
 MOTIONS = ("a", "b")
 SOLVER = FullOptions()
 
