@@ -1,4 +1,4 @@
-"""The examples of docs/guide/batched.md, run on a small made-up solid in place of the demo; only the demo has the number."""
+"""The examples of docs/guide/batched.md, run on a small solid in place of the demo, which alone has the number."""
 
 from __future__ import annotations
 
