@@ -18,15 +18,6 @@ Array = NDArray[np.float64]
 ACTIVATIONS = {"elu": torch.nn.ELU, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "sigmoid": torch.nn.Sigmoid}
 
 
-def slope(activation: str, y: torch.Tensor) -> torch.Tensor:
-    """Derivative of an activation in terms of its value."""
-    if activation == "elu":
-        return torch.where(y > 0, torch.ones_like(y), y + 1)
-    if activation == "relu":
-        return (y > 0).to(y.dtype)
-    return 1 - y * y if activation == "tanh" else y * (1 - y)
-
-
 class Autoencoder(torch.nn.Module):
     """Encoder and decoder. A variational encoder also writes the logarithms of r variances.
 
@@ -76,19 +67,12 @@ class Autoencoder(torch.nn.Module):
         return self.decode(self.encode(q))
 
     def jacobian(self, z: torch.Tensor) -> torch.Tensor:
-        """∂φ/∂z of each row of z, (b, k, r), by the chain rule through the layers."""
-        tangents = torch.eye(self.r, dtype=z.dtype, device=z.device).expand(len(z), -1, -1)
-        value = z
-        for module in self.decoder:
-            value = module(value)
-            if isinstance(module, torch.nn.Linear):
-                tangents = tangents @ module.weight.T
-            else:
-                tangents = tangents * slope(self.activation, value)[:, None, :]
-        tangents = tangents * self.spread
-        if self.skip is not None:
-            tangents = tangents + self.skip.weight.T
-        return tangents.transpose(1, 2)
+        """∂φ/∂z of each row of z, (b, k, r)."""
+        # Rows do not depend on each other, so that one pass for each of the k sums over them serves them all.
+        summed = torch.autograd.functional.jacobian(  # type: ignore[no-untyped-call]
+            lambda codes: self.decode(codes).sum(dim=0), z
+        )
+        return torch.as_tensor(summed).transpose(0, 1)
 
 
 def _perceptron(sizes: list[int], activation: str) -> torch.nn.Sequential:

@@ -13,9 +13,9 @@ from ldsim.artefacts.records import StoredModel, write_model
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.jit import one_thread
-from ldsim.learn.equilibrium import Poses, spread_forces
-from ldsim.learn.examples import Examples, PoseForces
-from ldsim.learn.options import EquilibriumTerm, TrainOptions
+from ldsim.learn.equilibrium import Poses, pose_forces
+from ldsim.learn.examples import Examples
+from ldsim.learn.options import TrainOptions
 from ldsim.learn.search import Searched, search
 from ldsim.learn.training import Trained, train_ordered
 from ldsim.learn.training import train as train_alone
@@ -48,8 +48,10 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
         q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "heldout"))
         synthetic = _synthetic(run, options.synthetic, q, partial, progress)
         with progress.bar("train", None, "epoch") as bar:
-            forces = _forces(run, options.equilibrium, q, synthetic, bar)
-            examples = Examples(np.concatenate([q, synthetic]), len(synthetic), forces)
+            every, forces, term = np.concatenate([q, synthetic]), None, options.equilibrium
+            if term is not None:
+                forces = pose_forces(run.scene, run.basis, _poses(run, every), term.poses, bar.update)
+            examples = Examples(every, len(synthetic), forces)
             trainer = _Trainer(run, examples, options, partial, bar)
             found = search(trainer, run.basis.k, options.r, options.tolerance_mm / 1e3)
         errors = np.array([trainer.error(found.trained, role) for role in ("train", "heldout")])
@@ -109,13 +111,18 @@ def _synthetic(run: Run, options: PullOptions | None, q: Array, partial: Path, p
     return kept["q"].astype(np.float64)
 
 
-def _forces(run: Run, term: EquilibriumTerm | None, q: Array, synthetic: Array, bar: Bar) -> PoseForces | None:
-    """What the equilibrium term asks for, if there is one."""
-    if term is None:
-        return None
-    a = run.lifting.all_coordinates([run.recorded(name).motion for name in run.snapshots.with_role("train")])
-    poses = Poses(q, run.chunks("train"), lambda frame: run.lifting.fields @ a[frame])
-    return spread_forces(run.scene, run.basis, poses, synthetic, term.poses, bar.update)
+def _poses(run: Run, q: Array) -> Poses:
+    """The snapshots of the training motions, and after them the synthetic frames, where all pins are at rest."""
+    names = run.snapshots.with_role("train")
+    recorded = run.lifting.all_coordinates([run.recorded(name).motion for name in names])
+    a = np.zeros((len(q), run.lifting.count))
+    a[: len(recorded)] = recorded
+    snapshot = run.snapshots.frame_reader(names)
+
+    def displacement(number: int) -> Array:
+        return snapshot(number).astype(np.float64) if number < len(recorded) else run.basis.displacement(q[number])
+
+    return Poses(q, displacement, lambda number: (run.lifting.fields @ a[number]).reshape(-1, 3))
 
 
 class _Trainer:

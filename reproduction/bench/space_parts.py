@@ -24,7 +24,7 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.minimiser import Method
-from ldsim.learn.equilibrium import Poses, spread_forces
+from ldsim.learn.equilibrium import Poses, pose_forces
 from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import train
@@ -95,9 +95,14 @@ class Solid:
         options, names = self.options, self.snapshots.with_role("train")
         q, forces = self.coordinates(names), None
         if options.equilibrium:
-            poses, basis = Poses(q, lambda: self.snapshots.chunks(names)), Basis.of(self.U, self.scene.mass)
-            count = options.equilibrium.poses
-            forces = spread_forces(self.scene, basis, poses, self.synthetic, count, lambda: None)
+            every, basis = np.concatenate([q, self.synthetic]), Basis.of(self.U, self.scene.mass)
+            snapshot = self.snapshots.frame_reader(names)
+
+            def displacement(i: int) -> Array:
+                return snapshot(i).astype(np.float64) if i < len(q) else basis.displacement(every[i])
+
+            poses = Poses(every, displacement, lambda i: np.zeros((len(self.U) // 3, 3)))
+            forces = pose_forces(self.scene, basis, poses, options.equilibrium.poses, lambda: None)
         trained = train(Examples(np.concatenate([q, self.synthetic]), len(self.synthetic), forces), r, options)
         return trained.decoder, trained.encoder
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.learn.equilibrium import Poses, pose_forces, spread_forces, spread_frames
+from ldsim.learn.equilibrium import Poses, pose_forces, spread_numbers
 from ldsim.learn.examples import PoseForces
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mesh.shapes import beam
@@ -28,20 +28,26 @@ def force(u: Array) -> Array:
     return gradient.ravel()
 
 
-def found(size: int, poses: NDArray[np.float32] = POSES) -> tuple[PoseForces, Array]:
-    q = BASIS.project(poses)
-    calls: list[None] = []
-    pieces = [poses[start : start + size] for start in range(0, len(POSES), size)]
-    streamed = Poses(q, lambda: pieces)
-    forces = pose_forces(BODY, BASIS, streamed, spread_frames(len(POSES), 5), lambda: calls.append(None))
+REST = np.zeros((BODY.mesh.n_vertices, 3))
+
+
+def poses_of(u: NDArray[np.floating], prescribed: Array = REST) -> Poses:
+    """Poses that are u and what is prescribed together."""
+    fields = u.reshape(-1, *REST.shape).astype(np.float64)
+    return Poses(BASIS.project(u), lambda i: fields[i] + prescribed, lambda _: prescribed)
+
+
+def found(poses: NDArray[np.floating] = POSES) -> tuple[PoseForces, Array]:
+    given, calls = poses_of(poses), list[None]()
+    forces = pose_forces(BODY, BASIS, given, 5, lambda: calls.append(None))
     assert len(calls) == 5
-    return forces, q
+    return forces, given.q
 
 
 def test_the_tangent_is_the_derivative_of_the_projected_force() -> None:
     # At strains of some millionths no point's tangent has a negative eigenvalue to speak of, and clamping does nothing.
     poses = np.float32(1e-3) * POSES
-    forces, _ = found(4, poses)
+    forces, _ = found(poses)
     direction, h = np.array([0.3, -1.0, 0.5, 0.2]), 1e-7
     for frame, stiffness in zip(forces.frames, forces.stiffness, strict=True):
         u = poses[frame].astype(np.float64)
@@ -50,34 +56,28 @@ def test_the_tangent_is_the_derivative_of_the_projected_force() -> None:
 
 
 def test_the_excess_is_what_projection_adds_to_the_force() -> None:
-    forces, q = found(4)
+    forces, q = found()
     for frame, excess in zip(forces.frames, forces.excess, strict=True):
         added = U.T @ (force(U @ q[frame]) - force(POSES[frame].astype(np.float64)))
         np.testing.assert_allclose(excess, added, rtol=1e-9, atol=1e-9 * np.abs(added).max())
 
 
-def test_chunks_of_any_size_give_the_same() -> None:
-    whole, pieces = found(len(POSES))[0], found(3)[0]
-    np.testing.assert_array_equal(whole.stiffness, pieces.stiffness)
-    np.testing.assert_array_equal(whole.excess, pieces.excess)
+def test_what_moving_pins_prescribe_is_no_error_of_the_projection() -> None:
+    prescribed = 1e-5 * np.random.default_rng(4).normal(size=REST.shape) * BODY.pinned[:, None]
+    forces = pose_forces(BODY, BASIS, poses_of(POSES, prescribed), 5, lambda: None)
+    for frame, excess in zip(forces.frames, forces.excess, strict=True):
+        projected = prescribed.ravel() + U @ BASIS.project(POSES[[frame]])[0]
+        added = U.T @ (force(projected) - force(prescribed.ravel() + POSES[frame].astype(np.float64)))
+        np.testing.assert_allclose(excess, added, rtol=1e-9, atol=1e-9 * np.abs(added).max())
 
 
-def test_synthetic_poses_come_after_the_snapshots_and_have_no_excess() -> None:
-    q = BASIS.project(POSES)
-    synthetic = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(q).max()
-    calls: list[None] = []
-    recordings = Poses(q, lambda: [POSES])
-    forces = spread_forces(BODY, BASIS, recordings, synthetic, 7, lambda: calls.append(None))
-    np.testing.assert_array_equal(forces.frames, spread_frames(len(q) + 20, 7))
-    assert len(calls) == 7
-    recorded = forces.frames < len(q)
-    assert 0 < recorded.sum() < 7
-    alone = pose_forces(BODY, BASIS, recordings, forces.frames[recorded], lambda: None)
-    np.testing.assert_array_equal(forces.stiffness[recorded], alone.stiffness)
-    np.testing.assert_array_equal(forces.excess[recorded], alone.excess)
-    assert np.abs(forces.excess[~recorded]).max() < 1e-9 * np.abs(forces.excess[recorded]).max()
-    for frame, stiffness in zip(forces.frames[~recorded], forces.stiffness[~recorded], strict=True):
-        own = synthetic[[frame - len(q)]]
-        pose = Poses(own, lambda own=own: [BASIS.displacement(own[0])[None]])
-        there = pose_forces(BODY, BASIS, pose, np.array([0]), lambda: None)
-        np.testing.assert_array_equal(stiffness, there.stiffness[0])
+def test_poses_of_the_basis_have_no_excess() -> None:
+    q = np.random.default_rng(3).normal(size=(20, 4)) * np.abs(BASIS.project(POSES)).max()
+    forces = pose_forces(BODY, BASIS, poses_of(BASIS.displacement(q)), 7, lambda: None)
+    np.testing.assert_array_equal(forces.frames, spread_numbers(20, 7))
+    assert np.abs(forces.excess).max() < 1e-9 * np.abs(found()[0].excess).max()
+
+
+def test_numbers_are_spread_over_all() -> None:
+    np.testing.assert_array_equal(spread_numbers(9, 5), [0, 2, 4, 6, 8])
+    np.testing.assert_array_equal(spread_numbers(3, 5), [0, 1, 2])
