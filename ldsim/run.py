@@ -209,13 +209,13 @@ class Run:
             raise ArtefactError(f"space is {name!r}; known are {', '.join(SPACES)}")
         if name == "full":
             return Space.full(self.scene)
-        stored, model = self.cubature[name], self.model
+        basis, model, stored = self.basis, self.model, self.cubature[name]  # the first stage missing is named
         rule = stored.stepped if points is None else stored.at_most(points)
         if name == "linear":
-            space = Space.linear(self.scene, self.basis, model.kp, rule)
+            space = Space.linear(self.scene, basis, model.kp, rule)
         else:
             networks = (model.decoder, model.encoder)
-            space = replace(Space.latent(self.scene, self.basis, networks, rule), novelty=model.novelty)
+            space = replace(Space.latent(self.scene, basis, networks, rule), novelty=model.novelty)
         return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
 
     def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:

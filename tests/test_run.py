@@ -79,7 +79,7 @@ def test_an_artefact_of_another_scene_is_refused_by_name(own: Path) -> None:
         with pytest.raises(ArtefactError, match="basis.h5 was made from another scene than .*scene.h5"):
             run.basis  # noqa: B018
     with pytest.raises(ArtefactError, match="cubature.h5 was made from another scene than .*scene.h5"):
-        run.space("latent")
+        run.cubature  # noqa: B018
 
 
 def test_an_artefact_of_another_experiment_is_refused_by_name(folder: Path) -> None:
