@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
-from ldsim.mechanics.materials.kernels import energy, weighted_stresses
-from ldsim.mechanics.materials.tensors import Matrix
+from ldsim.mechanics.materials.kernels import deformation, energy, weighted_stresses
 
 Array = NDArray[np.float64]
 
-# Length of a step in F to either side, for differences of the stress.
+# Length of a step in F to either side, for differences of the stress: about the cube root of the rounding, where its
+# error and that of the difference are alike.
 DIFFERENCE = 1e-5
 
 
@@ -52,9 +52,11 @@ def stresses_of_strains(elements: Elements, strains: Array, weights: Array, stre
     """
     infinite, together = 0, np.empty((9, strains.shape[1]))
     for t in range(strains.shape[0]):
+        # component by component, as the materials read them; what they return takes the place of the strain
         together[:] = strains[t].T
         whole = weighted_stresses(elements.kind, together, weights, elements.mu, elements.lam) < np.inf
         for s in range(strains.shape[1]):
+            # the sum says only whether any point is infinite; which one is asked in that rare case alone
             finite = whole or _finite(elements, s, strains[t, s])
             infinite += not finite
             for i in range(9):
@@ -95,20 +97,4 @@ def point_stress_changes(elements: Elements, strains: Array, along: Array, weigh
 @njit(cache=True, inline="always")
 def _finite(elements: Elements, s: int, strain: Array) -> bool:
     """Whether the energy of point s is finite at F = I + strain, (9,)."""
-    return energy(elements.kind[s], _deformed(strain), elements.mu[s], elements.lam[s]) < np.inf
-
-
-@njit(cache=True, inline="always")
-def _deformed(strain: Array) -> Matrix:
-    """F = I + strain, (9,)."""
-    return (
-        1.0 + strain[0],
-        strain[1],
-        strain[2],
-        strain[3],
-        1.0 + strain[4],
-        strain[5],
-        strain[6],
-        strain[7],
-        1.0 + strain[8],
-    )
+    return energy(elements.kind[s], deformation(strain.reshape(9, 1), 0), elements.mu[s], elements.lam[s]) < np.inf

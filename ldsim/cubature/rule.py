@@ -6,7 +6,7 @@ of a basis, so a point that lies nowhere on the mesh is as good as one that does
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class CubatureRule:
     """A smaller quadrature rule.
 
     Attributes:
-        points: quadrature points of the scene, ascending, (c,) int64.
+        points: quadrature points of the scene, ascending where stored, (c,) int64.
         weights: their weights, (c,) float64, m³, positive; they replace the scene's.
         training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
         maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
@@ -60,6 +60,14 @@ class CubatureRule:
     def every(cls, scene: Scene) -> CubatureRule:
         """All quadrature points of a scene with their own weights."""
         return cls(np.arange(scene.points.n_points), scene.points.weights, 0.0)
+
+    def sorted_by(self, kind: NDArray[np.int8]) -> CubatureRule:
+        """The same rule with its points in the order of their materials, kind (s,), as a step wants them."""
+        order = np.argsort(kind[self.points], kind="stable")
+        if (order == np.arange(len(order))).all():
+            return self
+        maps = None if self.maps is None else self.maps[order]
+        return replace(self, points=self.points[order], weights=np.asarray(self.weights)[order], maps=maps)
 
     def strain_maps(self, scene: Scene, U: Array) -> Array:
         """∂F/∂q of the points in the space of U, (3n, k): their own, or those of the mesh; (c, 9, k) float64, 1/m.

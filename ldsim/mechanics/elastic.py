@@ -1,7 +1,8 @@
 """Compiled loops over quadrature points: elastic energy, forces and stiffness of the full space.
 
 F_s = I + Σ_a u_a ⊗ ∇N_a;  V = Σ_s w_s Ψ(F_s);  ∂V/∂u_a = Σ_s w_s P_s ∇N_a;  K_ab = Σ_s w_s ∇N_a · ∂²Ψ/∂F² · ∇N_b.
-Serial and on scalars: two 3×3 temporaries inside the loop cost a factor of sixty, as a prototype measured.
+Serial and on scalars: two 3×3 temporaries inside the loop cost a factor of sixty, as a prototype measured. Points stay
+in the order of the cells, whatever their materials: it is the order of the sums, which stored results depend on.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials.kernels import energy, energy_stress, tangent
-from ldsim.mechanics.materials.tensors import Matrix, determinant, signed_svd
+from ldsim.mechanics.materials.tensors import Matrix, determinant, product_transposed, signed_svd
 
 Array = NDArray[np.float64]
 
@@ -69,6 +70,7 @@ def add_elastic_gradient(elements: Elements, u: Array, gradient: Array) -> float
     for s in range(elements.weights.shape[0]):
         F = deformation_gradient(elements.nodes, elements.gradients, s, u)
         density, P = energy_stress(elements.kind[s], F, elements.mu[s], elements.lam[s])
+        # a line search steps back from here, whatever the other points say
         if density == np.inf:
             return density
         w = elements.weights[s]
@@ -100,7 +102,7 @@ def smallest_volume_ratio(elements: Elements, u: Array) -> tuple[int, float]:
     worst, smallest = 0, np.inf
     for s in range(elements.weights.shape[0]):
         J = determinant(deformation_gradient(elements.nodes, elements.gradients, s, u))
-        if np.isnan(J):
+        if np.isnan(J):  # every comparison with it is false, so it would be passed over
             return s, J
         if J < smallest:
             worst, smallest = s, J
@@ -115,6 +117,7 @@ def add_elastic_stiffness(elements: Elements, u: Array, slots: NDArray[np.int64]
     frame of the singular vectors the tangent is sparse, so a block is K_ab = U [C : (Vᵀ∇N_a) (Vᵀ∇N_b)] Uᵀ.
     """
     nodes_per_point = elements.nodes.shape[1]
+    # made once, not for each point: k = C : (Vᵀ∇N_a) (Vᵀ∇N_b), t = U k, h = Vᵀ∇N of every node
     k = np.empty((3, 3))
     t = np.empty((3, 3))
     h = np.empty((nodes_per_point, 3))
@@ -127,11 +130,12 @@ def add_elastic_stiffness(elements: Elements, u: Array, slots: NDArray[np.int64]
             h[a, 0] = V[0] * g0 + V[3] * g1 + V[6] * g2
             h[a, 1] = V[1] * g0 + V[4] * g1 + V[7] * g2
             h[a, 2] = V[2] * g0 + V[5] * g1 + V[8] * g2
+        # both triangles: symmetric only as a whole, and half the pairs would need a second slot each
         for a in range(nodes_per_point):
             a0, a1, a2 = w * h[a, 0], w * h[a, 1], w * h[a, 2]
             for b in range(nodes_per_point):
                 slot = slots[s, a, b]
-                if slot < 0:
+                if slot < 0:  # a pinned node has no unknowns
                     continue
                 b0, b1, b2 = h[b, 0], h[b, 1], h[b, 2]
                 k[0, 0] = D[0] * a0 * b0 + O[0] * a1 * b1 + O[1] * a2 * b2
@@ -164,8 +168,8 @@ def vertex_rotations(elements: Elements, u: Array, rotations: Array) -> None:
                     rotations[v, i, j] += elements.weights[s] * F[3 * i + j]
     for v in range(rotations.shape[0]):
         A = rotations[v]
-        F = (A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2], A[2, 0], A[2, 1], A[2, 2])
-        U, _, V = signed_svd(F)
-        for i in range(3):
-            for j in range(3):
-                A[i, j] = U[3 * i] * V[3 * j] + U[3 * i + 1] * V[3 * j + 1] + U[3 * i + 2] * V[3 * j + 2]
+        U, _, V = signed_svd((A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2], A[2, 0], A[2, 1], A[2, 2]))
+        R = product_transposed(U, V)
+        A[0, 0], A[0, 1], A[0, 2] = R[0], R[1], R[2]
+        A[1, 0], A[1, 1], A[1, 2] = R[3], R[4], R[5]
+        A[2, 0], A[2, 1], A[2, 2] = R[6], R[7], R[8]

@@ -1,7 +1,7 @@
 """L-BFGS with a preconditioner in the middle of the two-loop recursion (Nocedal and Wright 2006, Alg. 7.4, 7.5).
 
 The compiled pieces work on rings of `window` pairs (window, d) and are shared by the full space, whose loop is below,
-and by the compiled reduced step (dynamics/reduced.py).
+and by the compiled reduced step (dynamics/reduced/minimiser.py).
 """
 
 from __future__ import annotations
@@ -13,15 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.jit import kernel
+from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
 from ldsim.optimise.solution import Reason, Solution
 
 Array = NDArray[np.float64]
-
-ARMIJO = 1e-4
-# Values closer than this share are told apart by their slopes: the potential is a sum of large terms that cancel.
-ROUNDOFF = 1e-10
-MAX_BACKTRACKS = 40
-EPSILON = 2.0**-52
 
 
 @kernel()
@@ -29,6 +24,7 @@ def backward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, cou
     """First half of the two-loop recursion: d ← d − Σ αᵢ yᵢ, newest pair first."""
     window = S.shape[0]
     for step in range(count):
+        # a ring: the newest pair overwrites the oldest, so nothing is moved
         i = (newest - step) % window
         total = 0.0
         for j in range(d.shape[0]):
@@ -50,38 +46,6 @@ def forward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, coun
         beta = alpha[i] - rho[i] * total
         for j in range(d.shape[0]):
             d[j] += beta * S[i, j]
-
-
-@kernel()
-def accepts(f0: float, slope0: float, step: float, f: float, slope: float) -> bool:
-    """Sufficient decrease, or its form in the slopes where the values differ only by rounding.
-
-    Armijo: f ≤ f₀ + c₁ α φ'(0). While |f − f₀| is at the level of rounding, φ'(α) ≤ (2c − 1) φ'(0) with c = 0.1 instead
-    (Hager and Zhang 2005, Eq. 4.1), and the slope has risen from φ'(0) by a tenth or more, so that steps of
-    rounding size are not accepted without end.
-    """
-    if not f < math.inf:
-        return False
-    if abs(f - f0) <= ROUNDOFF * abs(f0):
-        return 0.9 * slope0 <= slope <= -0.8 * slope0
-    return f <= f0 + ARMIJO * step * slope0
-
-
-@kernel()
-def next_step(f0: float, slope0: float, step: float, f: float, slope: float) -> float:
-    """The step to try after one that was not accepted.
-
-    Where the values tell, the minimiser of the parabola through f₀, φ'(0) and f, kept within a tenth and a half of the
-    step; where they differ only by rounding, the root of the secant through both slopes, at most ten times the step.
-    """
-    if not f < math.inf:
-        return 0.25 * step
-    if abs(f - f0) <= ROUNDOFF * abs(f0):
-        return step * min(max(slope0 / min(slope0 - slope, -1e-300), 0.1), 10.0) if slope > slope0 else 10.0 * step
-    curvature = f - f0 - slope0 * step
-    if curvature <= 0.0:
-        return 0.5 * step
-    return min(max(-0.5 * slope0 * step * step / curvature, 0.1 * step), 0.5 * step)
 
 
 Objective = Callable[[Array, Array], float]
@@ -158,6 +122,7 @@ def minimise(
             memory.clear()
         d = memory.direction(g, precondition)
         slope = float(g @ d)
+        # rounding, or a preconditioner that has grown old, can turn the direction uphill: then without the memory
         if slope >= 0.0:
             memory.clear()
             d = precondition(-g)
@@ -171,6 +136,7 @@ def minimise(
             if accepts(f, slope, step, f_new, slope_new):
                 break
             step = next_step(f, slope, step, f_new, slope_new)
+            # a shorter step would not change x any more
             if step * math.sqrt(float(d @ d)) <= EPSILON * math.sqrt(float(x @ x)):
                 return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
         else:

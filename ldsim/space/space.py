@@ -48,6 +48,11 @@ class Space:
     lifting: Lifting | None = None
     novelty: Novelty | None = None
 
+    def by_material(self) -> Space:
+        """Itself with the rule's points sorted by material, so that a step chooses one once for a block of points."""
+        rule = self.rule.sorted_by(self.scene.elements.kind)
+        return self if rule is self.rule else replace(self, rule=rule)
+
     @classmethod
     def full(cls, scene: Scene) -> Space:
         """Every vertex free, every quadrature point."""

@@ -9,11 +9,21 @@ import torch
 from torch import Tensor
 
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
-from ldsim.optimise.minimiser import ARMIJO, MAX_BACKTRACKS, ROUNDOFF
+from ldsim.optimise.line_search import (
+    AFTER_INFINITE,
+    ARMIJO,
+    FALLEN,
+    HALF,
+    LONGEST,
+    MAX_BACKTRACKS,
+    RISEN,
+    ROUNDOFF,
+    SHORTEST,
+)
 from ldsim.optimise.solution import Reason
 
 RUNNING = -1
-# Values closer than this share are told apart by their slopes; for float64 as in `solvers.lbfgs`.
+# Values closer than this share are told apart by their slopes; for float64 as in `optimise.line_search`.
 ROUNDOFF_SHARE = {torch.float64: ROUNDOFF, torch.float32: 1e-5}
 # Eigenvalues of a Hessian that is not positive are turned and kept above this share of the largest.
 SMALLEST_CURVATURE = 1e-6
@@ -27,7 +37,7 @@ class BatchedSolution:
         value: the potential, J, (n,).
         gradient_norm: of its gradient, N, (n,).
         iterations, evaluations: (n,) int64.
-        reason: why each stopped, (n,) int64 (`solvers.solution.Reason`).
+        reason: why each stopped, (n,) int64 (`optimise.solution.Reason`).
     """
 
     value: Tensor
@@ -148,19 +158,19 @@ def _search(
 
 
 def accepts(line: _Line, length: Tensor, value: Tensor, slope: Tensor) -> Tensor:
-    """`solvers.lbfgs.accepts` for a batch: sufficient decrease, or its form in the slopes at the level of rounding."""
+    """`line_search.accepts` for a batch: sufficient decrease, or its form in the slopes at the level of rounding."""
     near = (value - line.value).abs() <= ROUNDOFF_SHARE[value.dtype] * line.value.abs()
-    by_slope = (0.9 * line.slope <= slope) & (slope <= -0.8 * line.slope)
+    by_slope = (RISEN * line.slope <= slope) & (slope <= -FALLEN * line.slope)
     by_value = value <= line.value + ARMIJO * length * line.slope
     return (value < torch.inf) & torch.where(near, by_slope, by_value)
 
 
 def next_length(line: _Line, length: Tensor, value: Tensor, slope: Tensor) -> Tensor:
-    """`solvers.lbfgs.next_step` for a batch."""
+    """`line_search.next_step` for a batch."""
     near = (value - line.value).abs() <= ROUNDOFF_SHARE[value.dtype] * line.value.abs()
-    secant = (line.slope / (line.slope - slope).clamp(max=-1e-300)).clamp(0.1, 10.0)
-    by_slope = length * torch.where(slope > line.slope, secant, 10.0)
+    secant = (line.slope / (line.slope - slope).clamp(max=-1e-300)).clamp(SHORTEST, LONGEST)
+    by_slope = length * torch.where(slope > line.slope, secant, LONGEST)
     curvature = value - line.value - line.slope * length
-    parabola = (-0.5 * line.slope * length**2 / curvature).clamp(min=0.1 * length, max=0.5 * length)
-    by_value = torch.where(curvature > 0, parabola, 0.5 * length)
-    return torch.where(value < torch.inf, torch.where(near, by_slope, by_value), 0.25 * length)
+    parabola = (-0.5 * line.slope * length**2 / curvature).clamp(min=SHORTEST * length, max=HALF * length)
+    by_value = torch.where(curvature > 0, parabola, HALF * length)
+    return torch.where(value < torch.inf, torch.where(near, by_slope, by_value), AFTER_INFINITE * length)

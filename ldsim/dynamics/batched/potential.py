@@ -84,10 +84,9 @@ class BatchedModel:
         def tensor(values: Array) -> Tensor:
             return torch.as_tensor(np.ascontiguousarray(values), dtype=dtype, device=device)
 
+        space = space.by_material()
         scene, basis, rule = space.scene, space.reduced_basis, space.rule
-        elements, pins = scene.elements, MovingPins.of(space)
-        order = np.argsort(elements.kind[rule.points], kind="stable")
-        points, weights = rule.points[order], np.asarray(rule.weights)[order]
+        elements, pins, points = scene.elements, MovingPins.of(space), rule.points
         kinds, starts = np.unique(elements.kind[points], return_index=True)
         stops = [*starts[1:], len(points)]
         return cls(
@@ -96,14 +95,14 @@ class BatchedModel:
                 Part(material, slice(int(start), int(stop)))
                 for material, start, stop in zip(twins(kinds.tolist()), starts, stops, strict=True)
             ),
-            tensor(rule.strain_maps(scene, basis.matrix)[order].transpose(1, 2, 0)),
-            tensor(weights),
+            tensor(rule.strain_maps(scene, basis.matrix).transpose(1, 2, 0)),
+            tensor(np.asarray(rule.weights)),
             tensor(elements.mu[points]),
             tensor(elements.lam[points]),
             tensor(reduced_mass(scene, basis) / scene.time_step**2),
             tensor(np.einsum("v,vik->ik", scene.vertex_mass, basis.fields)),
             tensor(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),
-            tensor(pins.strain[order].transpose(1, 2, 0)),
+            tensor(pins.strain.transpose(1, 2, 0)),
             tensor(pins.inertia),
         )
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, value_gradient
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.jit import copy, kernel
-from ldsim.optimise.minimiser import EPSILON, MAX_BACKTRACKS, accepts, backward_loop, forward_loop, next_step
+from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
+from ldsim.optimise.minimiser import backward_loop, forward_loop
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian
 

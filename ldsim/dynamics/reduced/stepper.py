@@ -64,6 +64,7 @@ class ReducedStepper:
     """
 
     def __init__(self, space: Space, options: ReducedOptions = ReducedOptions()) -> None:
+        space = space.by_material()
         scene, basis, rule = space.scene, space.reduced_basis, space.rule
         self.space, self.scene, self.options = space, scene, options
         elements, points = scene.elements, rule.points
