@@ -69,6 +69,7 @@ class Memory:
         """Keep the pair if its curvature s·y is safely positive, and if anything is kept."""
         if len(self.S) == 0:
             return
+        # where the energy curves down, the pair would make H indefinite and the next direction uphill
         curvature = float(s @ y)
         if curvature <= 1e-14 * math.sqrt(float(s @ s) * float(y @ y)):
             return

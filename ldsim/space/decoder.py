@@ -57,13 +57,14 @@ def _add_product(W: Array, x: Array, out: Array) -> None:
 def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
     """q = φ(z); `hidden` (sum of hidden widths,) keeps the activations for the derivatives."""
     sizes = layers.sizes
-    if sizes.shape[0] == 1:
+    if sizes.shape[0] == 1:  # the identity of the linear space
         copy(z, q)
         return
     last = sizes.shape[0] - 2
     w, b, source, target = 0, 0, 0, 0
     for layer in range(last + 1):
         rows, columns = sizes[layer], sizes[layer + 1]
+        # every layer's activations are kept, for all derivatives follow from them
         out = q if layer == last else hidden[target : target + columns]
         copy(layers.biases[b : b + columns], out)
         x = z if layer == 0 else hidden[source : source + rows]
@@ -73,6 +74,7 @@ def decode(layers: Layers, z: Array, hidden: Array, q: Array) -> None:
         w += rows * columns
         b += columns
         source, target = target, target + columns
+    # N(0) was computed by these very loops, so that the difference at z = 0 is zero and not its rounding
     for j in range(q.shape[0]):
         q[j] -= layers.rest[j]
     if layers.skip.shape[0] > 0:
@@ -111,6 +113,7 @@ def decode_vjp(layers: Layers, hidden: Array, v: Array, scratch: Array, gradient
         copy(v, gradient)
         return
     last = sizes.shape[0] - 2
+    # backwards through the flat arrays, from the ends of both
     w = layers.weights.shape[0]
     end = hidden.shape[0]
     for layer in range(last, -1, -1):
@@ -161,13 +164,14 @@ def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Ar
         rows, columns = sizes[layer], sizes[layer + 1]
         W = layers.weights[w : w + rows * columns].reshape(rows, columns)
         out = jacobian if layer == last else tangents[r * target : r * (target + columns)].reshape(r, columns)
-        if layer == 0:
+        if layer == 0:  # its tangents along the unit vectors are the rows of W
             for i in range(r):
                 copy(W[i], out[i])
         else:
             out[:] = 0.0
             _add_rows(W, tangents[r * source : r * (source + rows)].reshape(r, rows), out)
         if layer < last:
+            # j outside, although it strides over memory: its slope then serves all r tangents
             for j in range(columns):
                 steepness = slope(layers.activation, hidden[target + j])
                 for i in range(r):

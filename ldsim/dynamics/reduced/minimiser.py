@@ -68,6 +68,7 @@ def _cholesky(A: Array) -> bool:
     if not (trace > 0.0 and trace < math.inf):
         return False
     for a in range(r):
+        # row by row, so that both inner loops run along memory
         for b in range(a + 1):
             total = A[a, b]
             for j in range(b):
@@ -105,6 +106,7 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Minimisat
     else:
         rest_metric(model, work)
     add_spring_metric(springs, model, work)
+    # the inverse itself and not the factor: a product with it needs no loop that waits for itself, and BFGS updates it
     if _cholesky(work.hessian):
         for a in range(H.shape[0]):
             H[a] = 0.0
@@ -148,6 +150,7 @@ def _search(
         if accepts(f, slope, length, f_new, slope_new):
             return True, f_new, evaluations
         length = next_step(f, slope, length, f_new, slope_new)
+        # a shorter step would not change z any more
         if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
             return False, f, evaluations
     return False, f, MAX_BACKTRACKS
@@ -202,6 +205,7 @@ def step(
             accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
         evaluations += tried
         if not accepted:
+            # with a fresh preconditioner there is nothing better to try; with an old one, that
             if renewed_at == iteration:
                 decode(model.layers, z, work.hidden, work.q)
                 return iteration, evaluations, NO_DECREASE, f, norm
@@ -237,6 +241,7 @@ def _update(H: Array, z: Array, work: Work) -> None:
     sy = _pair(z, s, y, work)
     if sy <= 0.0:
         return
+    # expanded into two outer products, so that H is read and written once
     _multiply(H, y, Hy)
     scale = (1.0 + inner(y, Hy) / sy) / sy
     for i in range(s.shape[0]):

@@ -120,7 +120,7 @@ def inner(a: Array, b: Array) -> float:
 @kernel(fastmath=REASSOCIATE)
 def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
     """strain (9, c) = G_s q of every point, with what moving pins add."""
-    # no views of G: each would count references, which costs more than its row
+    # no views of G: each would count references, which costs more than its row; nine sums at once, so that q is read once
     for s in range(G.shape[0]):
         a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(G.shape[2]):
@@ -137,6 +137,7 @@ def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
         strain[0, s], strain[1, s], strain[2, s] = a, b, c
         strain[3, s], strain[4, s], strain[5, s] = d, e, f
         strain[6, s], strain[7, s], strain[8, s] = g, h, i
+    # none where no pin can move, so a solid that stands still pays nothing
     for s in range(lifted.shape[0]):
         for e in range(9):
             strain[e, s] += lifted[s, e]
@@ -149,6 +150,7 @@ def add_forces(G: Array, stress: Array, force: Array) -> None:
         a, b, c, d, e = stress[0, s], stress[1, s], stress[2, s], stress[3, s], stress[4, s]
         f, g, h, i = stress[5, s], stress[6, s], stress[7, s], stress[8, s]
         for j in range(G.shape[2]):
+            # in pairs: sums that do not wait for each other, in one order for every width of the vector unit
             force[j] += (
                 ((a * G[s, 0, j] + b * G[s, 1, j]) + (c * G[s, 2, j] + d * G[s, 3, j]))
                 + ((e * G[s, 4, j] + f * G[s, 5, j]) + (g * G[s, 6, j] + h * G[s, 7, j]))
@@ -160,6 +162,7 @@ def add_forces(G: Array, stress: Array, force: Array) -> None:
 def _add_elastic(model: Reduced, q: Array, strain: Array, force: Array) -> float:
     """Energy of all points; adds Σ w_s G_sᵀ P_s to `force` where it is finite."""
     strains(model.G, q, model.lifted, strain)
+    # the strain is not needed again, so the stresses take its place
     value = weighted_stresses(model.kind, strain, model.weights, model.mu, model.lam)
     if value < math.inf:
         add_forces(model.G, strain, force)
@@ -191,11 +194,13 @@ def value_gradient(model: Reduced, springs: Springs, predictor: Array, z: Array,
     for j in range(k):
         offset[j] = q[j] - predictor[j]
     for j in range(k):
+        # a basis orthonormal in the mass has a diagonal M̃, which saves k² products
         momentum = model.inertia[0, j] * offset[j] if model.inertia.shape[0] == 1 else inner(model.inertia[j], offset)
         force[j] = momentum - model.force[j]
         value += 0.5 * offset[j] * momentum - model.force[j] * q[j]
     value += _add_springs(springs, q, force)
     value += _add_elastic(model, q, work.strain, force)
+    # an infinite value is only backed away from: nobody reads its gradient
     if value < math.inf:
         decode_vjp(model.layers, work.hidden, force, work.scratch, gradient)
     return value

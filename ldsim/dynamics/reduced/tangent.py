@@ -25,11 +25,13 @@ def _project_metric(metric: Array, J: Array, product: Array, H: Array) -> None:
                 row[i] = metric[0, i] * J[a, i]
             continue
         row[:] = 0.0
+        # i outside: the inner loop then runs along a row of the metric, not down a column
         for i in range(k):
             x = J[a, i]
             column = metric[i]
             for j in range(k):
                 row[j] += x * column[j]
+    # half of it, for it is symmetric, and exactly so, as a Cholesky factor likes it
     for a in range(r):
         for b in range(a + 1):
             H[a, b] = inner(product[a], J[b])
@@ -58,7 +60,7 @@ def _put_strains(G: Array, s: int, J: Array, raw: Array) -> None:
     last = J.shape[0] - 1
     for pair in range((J.shape[0] + 1) // 2):
         a = 2 * pair
-        b = min(a + 1, last)
+        b = min(a + 1, last)  # an odd one out is computed twice, which is simpler than a loop of its own
         a0, a1, a2, a3, a4, a5, a6, a7, a8 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         b0, b1, b2, b3, b4, b5, b6, b7, b8 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for n in range(G.shape[2]):
@@ -123,8 +125,9 @@ def current_tangent(model: Reduced, work: Work) -> None:
     strains(G, work.q, model.lifted, work.strain)
     for s in range(model.weights.shape[0]):
         F = deformation(work.strain, s)
+        # clamped: a preconditioner must be positive, and the sum of positive points is
         U, V, D, O = tangent(model.kind[s], F, model.mu[s], model.lam[s], True)
-        if identity:
+        if identity:  # J = I, so G_s Jᵀ is G_s itself
             _copy_rows(G[s], T)
         else:
             _put_strains(G, s, J, T)
@@ -167,7 +170,7 @@ def add_spring_metric(springs: Springs, model: Reduced, work: Work) -> None:
     """hessian += k (B J)ᵀ (B J) of every grab."""
     J, H = work.jacobian, work.hessian
     r, k = J.shape
-    row = work.d
+    row = work.d  # free until the direction is made
     identity = model.layers.sizes.shape[0] == 1
     for g in range(springs.stiffness.shape[0]):
         for axis in range(3):
