@@ -106,7 +106,7 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Minimisat
     else:
         rest_metric(model, work)
     add_spring_metric(springs, model, work)
-    # the inverse itself and not the factor: a product with it needs no loop that waits for itself, and BFGS updates it
+    # the inverse and not the factor: a product with it needs no loop that waits for itself, and BFGS updates it
     if _cholesky(work.hessian):
         for a in range(H.shape[0]):
             H[a] = 0.0

@@ -120,7 +120,7 @@ def inner(a: Array, b: Array) -> float:
 @kernel(fastmath=REASSOCIATE)
 def strains(G: Array, q: Array, lifted: Array, strain: Array) -> None:
     """strain (9, c) = G_s q of every point, with what moving pins add."""
-    # no views of G: each would count references, which costs more than its row; nine sums at once, so that q is read once
+    # no views of G: each would count references, which costs more than its row; nine sums at once read q but once
     for s in range(G.shape[0]):
         a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(G.shape[2]):
