@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
+from ldsim.report.svg import PALETTE
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.integer]
@@ -29,8 +30,7 @@ Picture: TypeAlias = Image.Image
 CLAY = (0.72, 0.76, 0.80)
 TEXT_GREY = "#828a93"
 # From clay to deep vermilion through amber: lightness falls all the way, so it also reads without colour.
-DISTANCE_STOPS = [(0.78, 0.81, 0.83), (0.98, 0.78, 0.42), (0.84, 0.37, 0.0), (0.45, 0.07, 0.05)]
-DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", DISTANCE_STOPS)
+DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", [PALETTE[f"scale-{i}"] for i in range(4)])
 KEY_LIGHT = np.array([-0.45, 0.65, 0.61])
 OVERSAMPLING = 2
 DOTS_PER_INCH = 100
@@ -44,19 +44,6 @@ class Pose:
     positions: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Shading:
-    """What gives the triangles their colour.
-
-    Attributes:
-        norm: maps a field's values to 0 … 1; the same for all pictures that are compared.
-        field: a value per vertex, (n,).
-    """
-
-    norm: Normalize
-    field: Array
-
-
 def draw_mesh(
     ax: Axes,
     vertices: Array,
@@ -64,7 +51,7 @@ def draw_mesh(
     view: View,
     limits: Array,
     colour: tuple[float, float, float] = CLAY,
-    shading: Shading | None = None,
+    shades: Array | None = None,
 ) -> PolyCollection:
     """Draw a closed surface by the painter's algorithm: far triangles first, those that face away not at all.
 
@@ -75,8 +62,8 @@ def draw_mesh(
         view: the camera.
         limits: what the picture shows, (left, right, bottom, top) as `limits_of` gives it; keep it fixed over a
             motion, or the solid seems to breathe.
-        colour: RGB in 0 … 1 of a surface without `shading`.
-        shading: colours by a vertex field instead.
+        colour: RGB in 0 … 1 of a surface without `shades`.
+        shades: 0 … 1 per vertex, (n,), from little to much distance; colours the surface instead.
 
     Returns:
         The collection of visible triangles, in the order in which they are painted.
@@ -84,7 +71,7 @@ def draw_mesh(
     screen = screen_positions(view, vertices)
     order = _visible_back_to_front(view, screen, triangles)
     corners = screen[triangles[order]]
-    base = _base_colours(triangles[order], colour, shading)
+    base = np.array([colour]) if shades is None else DISTANCE_COLOURS(shades[triangles[order]].mean(axis=1))[:, :3]
     rgb = np.clip(base * _light(corners)[:, None], 0, 1)
     polygons = PolyCollection(
         list(project(view, corners)), facecolors=rgb, edgecolors=rgb, linewidths=0.35, antialiaseds=False
@@ -116,13 +103,14 @@ def side_by_side(
     everything = np.stack([pose.positions for pose in poses])
     view = view or look_at(everything)
     limits = limits_of(view, everything) if limits is None else limits
-    shadings = _distance_shadings(everything, reference)
+    distances = 1000 * np.linalg.norm(everything - (everything if reference is None else reference), axis=2)
+    most = float(max(distances.max(), 1e-9))
     figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
-    for ax, pose, shading in zip(panels, poses, shadings, strict=True):
-        draw_mesh(ax, pose.positions, triangles, view, limits, shading=shading)
+    for ax, pose, distance in zip(panels, poses, distances, strict=True):
+        draw_mesh(ax, pose.positions, triangles, view, limits, shades=None if reference is None else distance / most)
         _title(ax, pose.title, width)
-    if shadings[0] is not None:
-        _colour_bar(figure, shadings[0].norm)
+    if reference is not None:
+        _colour_bar(figure, most)
     buffer = BytesIO()
     _rasterised(figure).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
@@ -205,23 +193,6 @@ def _light(corners: Array) -> Array:
     return brightness
 
 
-def _base_colours(triangles: Triangles, colour: tuple[float, float, float], shading: Shading | None) -> Array:
-    """RGB of each triangle before light falls on it, (t, 3)."""
-    if shading is None:
-        return np.tile(np.asarray(colour, dtype=np.float64), (len(triangles), 1))
-    values = shading.norm(shading.field[triangles].mean(axis=1))
-    return np.asarray(DISTANCE_COLOURS(values), dtype=np.float64)[:, :3]
-
-
-def _distance_shadings(poses: Array, reference: Array | None) -> list[Shading] | list[None]:
-    """Vertex distances of each pose (p, n, 3) to the reference in millimetres, on one scale."""
-    if reference is None:
-        return [None] * len(poses)
-    distances = 1000 * np.linalg.norm(poses - reference, axis=2)
-    norm = Normalize(0, float(max(distances.max(), 1e-9)))
-    return [Shading(norm, field) for field in distances]
-
-
 def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Figure, list[Axes]]:
     """A transparent figure with `count` axes of the limits' aspect, a line for titles and room for a colour bar."""
     inches = width / DOTS_PER_INCH
@@ -241,11 +212,11 @@ def _title(ax: Axes, text: str, width: int) -> None:
     ax.set_title(text, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
 
 
-def _colour_bar(figure: Figure, norm: Normalize) -> None:
-    """A thin bar under the row that says what the colours mean."""
+def _colour_bar(figure: Figure, most: float) -> None:
+    """A thin bar under the row that says what the colours mean, up to so many millimetres."""
     height = figure.get_size_inches()[1]
     ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
-    bar = figure.colorbar(ScalarMappable(norm, DISTANCE_COLOURS), cax=ax, orientation="horizontal")
+    bar = figure.colorbar(ScalarMappable(Normalize(0, most), DISTANCE_COLOURS), cax=ax, orientation="horizontal")
     bar.outline.set_visible(False)
     bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
     ax.tick_params(colors=TEXT_GREY, labelsize=9, length=2, pad=1)

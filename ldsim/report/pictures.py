@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.drawing import Pose, animation, side_by_side
-from ldsim.report.runs import reduced_runs, title
-from ldsim.report.schema import MM_PER_M
+from ldsim.report.runs import displacements, reduced_runs, title
+from ldsim.report.schema import MM_PER_M, ROLE_NAMES
 from ldsim.report.wording import readable
 from ldsim.run import Run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROLE_WORDS = {"train": "training", "heldout": "held-out"}
 # The animation: how long, its frames, its pixels across, its triangles and bytes at most.
 ANIMATION_SECONDS = 2.0
 ANIMATION_FRAMES = 40
@@ -61,10 +60,11 @@ class Studio:
 
     def still(self, moment: Moment) -> Picture:
         """One frame of all spaces; a space that is lost by then is left out and named in the caption."""
-        full = self._full(moment.motion, moment.frame)
+        at = np.array([moment.frame])
+        full = self._positions("full", moment.motion, at)[0]
         poses, remarks, framed = [Pose(title(self._run, "full"), full)], [], [full]
         for space, trajectory in reduced_runs(self._run, moment.motion).items():
-            reduced = self._reduced(space, moment.motion, moment.frame)
+            reduced = self._positions(space, moment.motion, at)[0]
             if not np.isfinite(reduced).all():
                 remarks.append(f"{space} has diverged")
                 continue
@@ -86,10 +86,10 @@ class Studio:
         frames = self._stretch(motion)
         if len(frames) < FEWEST_FRAMES:
             return None
-        full = np.stack([self._full(motion, frame) for frame in frames])
+        full = self._positions("full", motion, frames)
         sequences = [(title(self._run, "full"), full)]
         for space in reduced_runs(self._run, motion):
-            moved = np.stack([self._reduced(space, motion, frame) for frame in frames])
+            moved = self._positions(space, motion, frames)
             if self._near(moved, full):
                 sequences.append((title(self._run, space), moved))
         view = look_at_broadside(self._rest, np.concatenate([positions for _, positions in sequences]))
@@ -101,17 +101,10 @@ class Studio:
         caption = f"{self._motion_words(motion)} around its largest pull, {begin:.2f} s to {end:.2f} s in real time."
         return Picture(f"{motion}.webp", caption, data)
 
-    def _full(self, motion: str, frame: int) -> Array:
-        u = self._run.snapshots.reader(motion)(frame, frame + 1)[0].astype(np.float64)
+    def _positions(self, space: str, motion: str, frames: Indices) -> Array:
+        """(N, n, 3), upright."""
+        u = displacements(self._run, space, motion)(frames, slice(None))
         positions: Array = self._rest + u @ self._turn.T
-        return positions
-
-    def _reduced(self, space: str, motion: str, frame: int) -> Array:
-        q = reduced_runs(self._run, motion)[space].coordinates
-        assert q is not None
-        u: Array = self._run.basis.matrix[:, : q.shape[1]] @ q[frame]
-        lifted = self._run.lifting.displacements(self._run.motions[motion].motion)(frame, frame + 1)[0]
-        positions: Array = self._rest + (u.reshape(-1, 3) + lifted) @ self._turn.T
         return positions
 
     def _near(self, positions: Array, full: Array) -> bool:
@@ -136,7 +129,7 @@ class Studio:
         return (frame + 1) * self._run.scene.time_step
 
     def _motion_words(self, motion: str) -> str:
-        return f"Motion {motion} ({ROLE_WORDS[self._run.motions[motion].role]})"
+        return f"Motion {motion} ({ROLE_NAMES[self._run.motions[motion].role]})"
 
 
 def mean_displacement(run: Run, motion: str) -> Array | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import coarsened, surface_triangles
 from ldsim.report.camera import first_look, upright
-from ldsim.report.replay_films import Clip, take_clip
+from ldsim.report.replay_motions import MotionReplay, SpaceReplay, replay_motion
 from ldsim.report.runs import reduced_runs, title
 from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import readable
@@ -58,11 +58,13 @@ def make_replay(run: Run) -> Replay | None:
     if not names:
         return None
     vertices, triangles = _surface(run.scene.mesh)
-    clips = [take_clip(run, name, stride, vertices) for name in names]
-    modes, coordinates = _compressed(run, clips, vertices)
+    motions = [replay_motion(run, name, stride, vertices) for name in names]
+    every = [shown for motion in motions for shown in motion.spaces]
+    modes, coordinates = _compressed(run, every, vertices)
     scales, modes16, coordinates16 = quantised(modes, coordinates)
-    worst, mean = _drawing_error(clips, scales, modes16, coordinates16)
-    low, high = _box(run, clips, vertices, upright(run.scene.gravity))
+    worst, mean = _drawing_error(every, modes16 * scales, coordinates16)
+    low, high = _box(run, every, vertices)
+    left = iter(coordinates16)
     data = first_look(run.scene) | {
         "low": low.tolist(),
         "high": high.tolist(),
@@ -70,20 +72,17 @@ def make_replay(run: Run) -> Replay | None:
         "triangles": packed(triangles, "u2"),
         "modes": packed(modes16.T, "i2"),
         "scales": scales.tolist(),
-        "motions": [_described(run, clip, stride, found) for clip, found in zip(clips, coordinates16, strict=True)],
+        "motions": [_described(run, motion, stride, [next(left) for _ in motion.spaces]) for motion in motions],
     }
     caption = _caption(run, stride, names, len(vertices), len(scales), worst, mean)
     return Replay(inlined(data), caption)
 
 
-def quantised(
-    modes: Array, coordinates: Sequence[Sequence[Array]]
-) -> tuple[Array, NDArray[np.int16], list[list[NDArray[np.int16]]]]:
-    """Modes (3v, K) and rows of coordinates (·, K) as int16, and the scale of each product, (K,)."""
-    rows = np.concatenate([film for clip in coordinates for film in clip])
+def quantised(modes: Array, coordinates: Sequence[Array]) -> tuple[Array, NDArray[np.int16], list[NDArray[np.int16]]]:
+    """Modes (3v, K) and coordinates (·, K) as int16, and the scale of each product, (K,)."""
     mode_scale = np.maximum(np.abs(modes).max(axis=0), 1e-300) / INT16
-    scale = np.maximum(np.abs(rows).max(axis=0, initial=0), 1e-300) / INT16
-    small = [[np.rint(film / scale).astype(np.int16) for film in clip] for clip in coordinates]
+    scale = np.maximum(np.abs(np.concatenate(coordinates)).max(axis=0, initial=0), 1e-300) / INT16
+    small = [np.rint(rows / scale).astype(np.int16) for rows in coordinates]
     return mode_scale * scale, np.rint(modes / mode_scale).astype(np.int16), small
 
 
@@ -115,85 +114,78 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
     return vertices.astype(np.int64), numbers.reshape(triangles.shape).astype(np.int64)
 
 
-def _compressed(run: Run, clips: Sequence[Clip], vertices: Indices) -> tuple[Array, list[list[Array]]]:
-    """Modes (3v, K) that hold all films, and the coordinates of each film, (N, K).
+def _compressed(run: Run, every: Sequence[SpaceReplay], vertices: Indices) -> tuple[Array, list[Array]]:
+    """Modes (3v, K) that hold every motion in every space, and the coordinates of each, (N, K).
 
-    What the run's basis, with the fields of pins that move, misses of full space (the reduced films lie in it) is
+    What the run's basis, with the fields of pins that move, misses of full space (the reduced runs lie in it) is
     searched by a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
     U = np.hstack([run.basis.matrix, run.lifting.fields])
     U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
-    films = [film for clip in clips for film in clip.films]
-    missed = [film.displacements - (film.displacements @ Q) @ Q.T for film in films if film.space == "full"]
+    missed = [shown.displacements - (shown.displacements @ Q) @ Q.T for shown in every if shown.space == "full"]
     extra = min(EXTRA_MODES, sum(map(len, missed)), len(U) - Q.shape[1])
     sketch, rng = np.zeros((len(U), extra)), np.random.default_rng(0)
     for left in missed:
         sketch += left.T @ rng.normal(size=(len(left), extra)).astype(np.float32)
     sketch = sum((left.T @ (left @ sketch.astype(np.float32)) for left in missed), np.zeros_like(sketch))
     wide = np.linalg.qr(np.hstack([Q, sketch / max(float(np.abs(sketch).max(initial=0)), 1e-300)]))[0]
-    rows = np.concatenate([film.displacements @ wide.astype(np.float32) for film in films]).astype(np.float64)
+    rows = np.concatenate([shown.displacements @ wide.astype(np.float32) for shown in every]).astype(np.float64)
     _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
     allowed = (CUT_OFF * run.scene.mesh.diagonal) ** 2 * len(rows) * len(vertices)
     tail = np.cumsum(sizes[::-1] ** 2)[::-1]
     count = max(min(int((tail > allowed).sum()), MODES_BYTES // (2 * len(U))), 1)
     modes = wide @ axes[:count].T
-    ends = np.cumsum([len(film.displacements) for film in films])[:-1]
-    found = iter(np.split(rows @ axes[:count].T, ends))
-    return modes, [[next(found) for _ in clip.films] for clip in clips]
+    ends = np.cumsum([len(shown.displacements) for shown in every])[:-1]
+    return modes, np.split(rows @ axes[:count].T, ends)
 
 
 def _drawing_error(
-    clips: Sequence[Clip],
-    scales: Array,
-    modes: NDArray[np.int16],
-    coordinates: Sequence[Sequence[NDArray[np.int16]]],
+    every: Sequence[SpaceReplay], W: Array, coordinates: Sequence[NDArray[np.int16]]
 ) -> tuple[float, float]:
-    """Largest and mean distance between drawn vertices as the page decodes them and as the run has them, metres."""
-    W = modes * scales
+    """Largest and mean distance between drawn vertices as the page decodes them, W c, and in the run, metres."""
     worst, total, count = 0.0, 0.0, 0
-    for clip, found in zip(clips, coordinates, strict=True):
-        for film, c in zip(clip.films, found, strict=True):
-            off = np.linalg.norm((c @ W.T - film.displacements).reshape(len(c), len(W) // 3, 3), axis=2)
-            worst, total, count = max(worst, float(off.max(initial=0))), total + float(off.sum()), count + off.size
+    for shown, c in zip(every, coordinates, strict=True):
+        off = np.linalg.norm((c @ W.T - shown.displacements).reshape(len(c), len(W) // 3, 3), axis=2)
+        worst, total, count = max(worst, float(off.max(initial=0))), total + float(off.sum()), count + off.size
     return worst, total / max(count, 1)
 
 
-def _box(run: Run, clips: Sequence[Clip], vertices: Indices, turn: Array) -> tuple[Array, Array]:
-    """The corners (3,), metres, of the upright box that all films stay in."""
-    rest = run.scene.mesh.vertices[vertices]
-    ends = []
-    for film in (film for clip in clips for film in clip.films if len(film.displacements)):
-        at = (rest + film.displacements.reshape(-1, *rest.shape)) @ turn.T
-        ends.append((at.min(axis=(0, 1)), at.max(axis=(0, 1))))
-    lows, highs = zip(*ends, strict=True)
-    return np.min(lows, axis=0), np.max(highs, axis=0)
+def _box(run: Run, every: Sequence[SpaceReplay], vertices: Indices) -> tuple[Array, Array]:
+    """The corners (3,), metres, of the upright box that all motions stay in."""
+    rest, turn = run.scene.mesh.vertices[vertices], upright(run.scene.gravity)
+    places = [(rest + one.displacements.reshape(-1, *rest.shape)) @ turn.T for one in every if len(one.displacements)]
+    return np.min([at.min(axis=(0, 1)) for at in places], axis=0), np.max(
+        [at.max(axis=(0, 1)) for at in places], axis=0
+    )
 
 
-def _described(run: Run, clip: Clip, stride: int, coordinates: Sequence[NDArray[np.int16]]) -> Mapping[str, object]:
-    """A clip as the page reads it."""
-    far = [film.max_error for film in clip.films if film.max_error is not None and len(film.max_error)]
+def _described(
+    run: Run, motion: MotionReplay, stride: int, coordinates: Sequence[NDArray[np.int16]]
+) -> Mapping[str, object]:
+    """A motion as the page reads it."""
+    far = [shown.max_error for shown in motion.spaces if shown.max_error is not None and len(shown.max_error)]
     limit = float(np.percentile(np.concatenate(far), 98)) if far else 0.0
-    first = clip.films[0].displacements
+    first = motion.spaces[0].displacements
     return {
-        "name": clip.motion,
-        "role": clip.role,
-        "frames": len(clip.frames),
+        "name": motion.motion,
+        "role": motion.role,
+        "frames": len(motion.frames),
         "seconds": stride * run.scene.time_step,
         "limit": limit,
         "start": int(np.einsum("ij,ij->i", first, first).argmax()) if len(first) else 0,
-        "films": [
+        "spaces": [
             {
-                "space": film.space,
-                "title": title(run, film.space),
+                "space": shown.space,
+                "title": title(run, shown.space),
                 "frames": len(c),
                 "coordinates": packed(c, "i2"),
-                "mean_mm": None if film.mean_error is None else packed(MM_PER_M * film.mean_error, "f4"),
-                "grips": [packed(grip, "f4") for grip in film.grips],
+                "mean_mm": None if shown.mean_error is None else packed(MM_PER_M * shown.mean_error, "f4"),
+                "grips": [packed(grip, "f4") for grip in shown.grips],
             }
-            for film, c in zip(clip.films, coordinates, strict=True)
+            for shown, c in zip(motion.spaces, coordinates, strict=True)
         ],
-        "drags": [{"first": first, "targets": packed(targets, "f4")} for first, targets in clip.drags],
+        "drags": [{"first": first, "targets": packed(targets, "f4")} for first, targets in motion.drags],
     }
 
 

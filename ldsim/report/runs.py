@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.report.schema import REDUCED
 from ldsim.run import Run
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 def runs(run: Run, space: str) -> dict[str, Trajectory]:
@@ -27,3 +35,20 @@ def title(run: Run, space: str) -> str:
     """A space with the numbers that it moves by."""
     words = {"linear": f"linear, {run.model.kp} modes", "latent": f"latent, {run.model.decoder.r} numbers"}
     return words.get(space, f"{space} space")
+
+
+def displacements(run: Run, space: str, motion: str) -> Callable[[Indices, Indices | slice], Array]:
+    """The function (frames (N,), vertices (v,)) → u of a motion in a space, (N, v, 3) metres.
+
+    In a reduced space u = U q + L a; of the full space one frame is read at a time.
+    """
+    if space == "full":
+        read = run.snapshots.reader(motion)
+        return lambda frames, vertices: np.stack([read(t, t + 1)[0][vertices] for t in frames.tolist()])
+    q = runs(run, space)[motion].coordinates
+    assert q is not None, "reduced runs keep their coordinates"
+    fields = run.basis.fields[:, :, : q.shape[1]]
+    if run.lifting.count:
+        fields = np.concatenate([fields, run.lifting.fields.reshape(len(fields), 3, -1)], axis=2)
+        q = np.hstack([q, run.lifting.coordinates(run.motions[motion].motion)[: len(q)]])
+    return lambda frames, vertices: np.einsum("tk,vik->tvi", q[frames], fields[vertices], optimize=True)

@@ -85,19 +85,22 @@ def _draw_series(ax: Axes, series: Series) -> None:
 
 
 def _draw_guide(ax: Axes, guide: Guide) -> None:
-    """A line across the axes with its words: upright lines have them at the foot, level ones at an end."""
+    """A line across the axes with its words: upright lines have them at the top, level ones at an end."""
     colour = PALETTE[guide.colour]
     if guide.axis == "x":
         ax.axvline(guide.at, color=colour, lw=0.8, ls=(0, (1, 2)), alpha=0.7)
-        place, anchor, shift = (guide.at, 0.0), ("data", "axes fraction"), (3, 3)
+        place, anchor, shift = (guide.at, 1.0), ("data", "axes fraction"), (-3, -2)
     else:
         ax.axhline(guide.at, color=colour, lw=1, alpha=0.8)
-        place, anchor, shift = (float(not guide.at_start), guide.at), ("axes fraction", "data"), (3, 2)
-    left = guide.axis == "x" or guide.at_start
+        place, anchor, shift = (
+            (float(not guide.at_start), guide.at),
+            ("axes fraction", "data"),
+            (3 if guide.at_start else -3, 2),
+        )
+    upright = guide.axis == "x"
     ax.annotate(
-        guide.text, place, xycoords=anchor, xytext=(shift[0] if left else -shift[0], shift[1]),
-        textcoords="offset points", ha="left" if left else "right", va="bottom", color=INK, fontsize=8.5,
-        rotation=90 if guide.axis == "x" else 0,
+        guide.text, place, xycoords=anchor, xytext=shift, textcoords="offset points", color=INK, fontsize=8.5,
+        ha="left" if guide.at_start else "right", va="top" if upright else "bottom", rotation=90 if upright else 0,
     )  # fmt: skip
 
 

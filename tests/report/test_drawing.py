@@ -7,12 +7,11 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
-from ldsim.report.drawing import Pose, Shading, animation, draw_mesh, side_by_side
+from ldsim.report.drawing import Pose, animation, draw_mesh, side_by_side
 
 FRONT = View(azimuth=0.0, elevation=0.0)
 BOX = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -42,8 +41,8 @@ def test_a_near_triangle_hides_a_far_one_whatever_their_order(view, order):
     near = np.array([[-0.4, -0.4, 0.3], [0.4, -0.4, 0.3], [0.0, 0.5, 0.3]])
     far = np.array([[-0.8, -0.8, -0.3], [0.8, -0.8, -0.3], [0.0, 0.9, -0.3]])
     triangles = np.array([[0, 1, 2], [3, 4, 5]])[order]
-    shading = Shading(Normalize(0, 1), np.array([1.0, 1, 1, 0, 0, 0]))
-    image = pixels_of(np.concatenate([near, far]), triangles, view, shading=shading).astype(int)
+    shades = np.array([1.0, 1, 1, 0, 0, 0])
+    image = pixels_of(np.concatenate([near, far]), triangles, view, shades=shades).astype(int)
     red, _, blue, alpha = image[100, 100]
     assert alpha == 255 and red > 2 * blue
     red, _, blue, alpha = image[165, 45]

@@ -39,11 +39,11 @@ def unpacked(packed: list[str]) -> np.ndarray:
     return np.frombuffer(b64decode(text), dtype=f"<{kind}")
 
 
-def displacements(data: dict[str, Any], film: dict[str, Any]) -> np.ndarray:
+def displacements(data: dict[str, Any], shown: dict[str, Any]) -> np.ndarray:
     """u of the drawn vertices as the page decodes it, (N, v, 3) metres."""
     modes = unpacked(data["modes"]).reshape(len(data["scales"]), -1)
-    c = unpacked(film["coordinates"]).reshape(film["frames"], -1)
-    return (c * np.array(data["scales"]) @ modes).reshape(film["frames"], -1, 3)
+    c = unpacked(shown["coordinates"]).reshape(shown["frames"], -1)
+    return (c * np.array(data["scales"]) @ modes).reshape(shown["frames"], -1, 3)
 
 
 def truth(run: Run, motion: str, space: str) -> np.ndarray:
@@ -55,18 +55,18 @@ def truth(run: Run, motion: str, space: str) -> np.ndarray:
     return (q @ run.basis.matrix[:, : q.shape[1]].T).reshape(len(q), -1, 3)[:, surface]
 
 
-def films(replay: Replay) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
+def every_space(replay: Replay) -> Iterator[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]:
     data = json.loads(replay.data)
     for motion in data["motions"]:
-        for film in motion["films"]:
-            yield data, motion, film
+        for shown in motion["spaces"]:
+            yield data, motion, shown
 
 
 def test_what_is_drawn_is_as_far_from_the_run_as_the_caption_says(run, replay):
     off = []
-    for data, motion, film in films(replay):
-        true = truth(run, motion["name"], film["space"])[: film["frames"]]
-        off.append(np.linalg.norm(displacements(data, film) - true, axis=2).ravel())
+    for data, motion, shown in every_space(replay):
+        true = truth(run, motion["name"], shown["space"])[: shown["frames"]]
+        off.append(np.linalg.norm(displacements(data, shown) - true, axis=2).ravel())
     assert len(off) == 6
     mean, worst = re.search(r"Drawn to ([\d.e-]+) mm .* average, ([\d.e-]+) mm", replay.caption).groups()
     assert 1000 * np.concatenate(off).mean() == pytest.approx(float(mean), rel=1e-2)
@@ -77,20 +77,20 @@ def test_what_is_drawn_is_as_far_from_the_run_as_the_caption_says(run, replay):
 def test_held_out_motions_come_first_and_full_space_leads(replay):
     motions = json.loads(replay.data)["motions"]
     assert [motion["name"] for motion in motions] == ["push", "pull_1"]
-    assert all([film["space"] for film in motion["films"]] == ["full", "linear", "latent"] for motion in motions)
+    assert all([shown["space"] for shown in motion["spaces"]] == ["full", "linear", "latent"] for motion in motions)
 
 
-def test_a_film_ends_where_the_run_was_lost(replay):
-    ends = {(motion["name"], film["space"]): film["frames"] for _, motion, film in films(replay)}
+def test_a_space_ends_where_the_run_was_lost(replay):
+    ends = {(motion["name"], shown["space"]): shown["frames"] for _, motion, shown in every_space(replay)}
     assert ends[("push", "linear")] == LOST_FROM
     assert ends[("push", "latent")] == FRAMES["push"]
 
 
 def test_numbers_in_the_panels_are_those_of_the_run(run, replay):
-    for _, motion, film in films(replay):
-        if film["space"] != "full":
-            true = reduced_runs(run, motion["name"])[film["space"]].mean_error[: film["frames"]]
-            np.testing.assert_allclose(unpacked(film["mean_mm"]), 1000 * true, rtol=1e-6)
+    for _, motion, shown in every_space(replay):
+        if shown["space"] != "full":
+            true = reduced_runs(run, motion["name"])[shown["space"]].mean_error[: shown["frames"]]
+            np.testing.assert_allclose(unpacked(shown["mean_mm"]), 1000 * true, rtol=1e-6)
 
 
 def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
@@ -103,8 +103,8 @@ def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
     u = run.snapshots.reader("push")(0, FRAMES["push"]).astype(np.float64)
     q = reduced_runs(run, "push")["latent"].coordinates
     reduced = (q @ run.basis.matrix.T).reshape(len(q), -1, 3)
-    for film, field in (("full", u), ("latent", reduced)):
-        (grip,) = next(some["grips"] for some in motion["films"] if some["space"] == film)
+    for shown, field in (("full", u), ("latent", reduced)):
+        (grip,) = next(some["grips"] for some in motion["spaces"] if some["space"] == shown)
         true = (run.scene.mesh.vertices[held] + field[frames][:, held]).mean(axis=1)
         np.testing.assert_allclose(unpacked(grip).reshape(-1, 3), true, rtol=1e-5, atol=1e-8)
 
@@ -116,9 +116,9 @@ def test_frames_are_left_out_and_told_of_before_motions_are(run, monkeypatch):
     motions = json.loads(found.data)["motions"]
     assert [motion["frames"] for motion in motions] == [FRAMES["push"] // 2, FRAMES["pull_1"] // 2]
     assert found.caption.startswith("2 motions, one frame in 2;")
-    data, motion, film = next(films(found))
-    true = truth(run, motion["name"], film["space"])[1::2]
-    np.testing.assert_allclose(displacements(data, film), true, atol=2e-4 * run.scene.mesh.diagonal)
+    data, motion, shown = next(every_space(found))
+    true = truth(run, motion["name"], shown["space"])[1::2]
+    np.testing.assert_allclose(displacements(data, shown), true, atol=2e-4 * run.scene.mesh.diagonal)
     monkeypatch.setattr(replay_module, "COORDINATES_BYTES", 2 * row)
     found = make_replay(run)
     assert [motion["name"] for motion in json.loads(found.data)["motions"]] == ["push"]
@@ -149,7 +149,7 @@ def test_without_a_reduced_run_there_is_no_replay(run):
 def test_quantising_loses_half_a_step_at_most():
     rng = np.random.default_rng(5)
     modes, rows = rng.normal(size=(60, 3)), rng.normal(size=(40, 3)) * [1.0, 1e-3, 0.0]
-    scales, small, ((found,),) = quantised(modes, [[rows]])
+    scales, small, (found,) = quantised(modes, [rows])
     step = (np.abs(modes).max(axis=0) * np.abs(rows).max(axis=0)).sum() / 32767
     assert np.abs((found * scales) @ small.T - rows @ modes.T).max() <= 1.01 * step
     assert np.abs(small).max() <= 32767 and np.abs(found).max() <= 32767

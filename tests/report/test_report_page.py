@@ -95,8 +95,8 @@ def test_the_page_loads_without_complaint_and_asks_for_nothing_but_itself(opened
 def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, folder: Path, space: str) -> None:
     opened.evaluate(f"{REPLAY}.choose(1)")
     seen = opened.evaluate(
-        f"(() => {{ const r = {REPLAY}, film = r.motion.films.find((one) => one.space === {space!r}); "
-        "r.decode(film, 7); return Array.from(r.surface.positions); })()"
+        f"(() => {{ const r = {REPLAY}, shown = r.motion.spaces.find((one) => one.space === {space!r}); "
+        "r.decode(shown, 7); return Array.from(r.surface.positions); })()"
     )
     with finished_run(folder) as run:
         if space == "full":

@@ -1,10 +1,12 @@
 // Figures that can be read and zoomed, drawn from their numbers (report/figure.py): curves and marks on one or two scales,
 // the values of the point under the pointer or the keys, and any range of the axes when one is chosen.
 
+import { digits, draw, make } from "./dom.js";
+
 const WIDTH = 374, UNIT = 72; // of a drawing; its height is told in units
 const DRAG = 5; // that make a press a drag
 const NARROWEST = 1e-4; // of the whole range
-const LETTER = 4.9; // its width on average
+const LETTER = 5.5; // its width on average
 const KEYS = "Left and right read a curve, up and down change it, plus and minus zoom, zero shows the whole range.";
 const SHAPES = {
   circle: "M-1 0a1 1 0 1 0 2 0a1 1 0 1 0-2 0",
@@ -15,37 +17,29 @@ const SHAPES = {
 
 /** A value as short text: four digits, powers of ten beyond 10⁻³ and 10⁵. */
 function shortly(value) {
-  if (value === 0 || (Math.abs(value) >= 1e-3 && Math.abs(value) < 1e5)) return String(Number(value.toPrecision(4)));
+  if (value === 0 || (Math.abs(value) >= 1e-3 && Math.abs(value) < 1e5)) return digits(value, 4);
   const [mantissa, power] = value.toExponential(3).split("e").map(Number);
   const exponent = [...String(power)].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("");
   return `${mantissa === 1 ? "" : `${mantissa} · `}10${exponent}`;
 }
 
-/** A new element of a drawing; `tone` is a name of the palette. */
-function make(name, parent, { tone, ...attributes } = {}, text = "") {
-  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  if (tone) element.style.setProperty("--tone", `var(--${tone})`);
-  element.textContent = text;
-  parent?.append(element);
-  return element;
+const tone = ({ colour }) => ({ style: `--tone: var(--${colour})` });
+const words = (...classes) => classes.filter(Boolean).join(" ");
+
+/** A new element of a drawing at the end of `parent`. */
+function put(parent, tag, attributes, text = "") {
+  parent.append(draw(tag, attributes));
+  parent.lastChild.textContent = text;
+  return parent.lastChild;
 }
 
-function makeMark({ marker, dashed }, radius, parent, transform) {
-  const look = { class: dashed ? "mark hollow" : "mark", "vector-effect": "non-scaling-stroke" };
-  make("path", parent, { ...look, d: SHAPES[marker], transform: `${transform} scale(${radius})` });
+function putMark(parent, { marker, dashed }, radius, transform) {
+  const look = { class: words("mark", dashed && "hollow"), "vector-effect": "non-scaling-stroke" };
+  put(parent, "path", { ...look, d: SHAPES[marker], transform: `${transform} scale(${radius})` });
 }
 
-function makeLine({ kind, dashed, faint }, d, parent) {
-  make("path", parent, { class: ["curve", kind, dashed && "dashed", faint && "faint"].filter(Boolean).join(" "), d });
-}
-
-/** A new element of the page at the end of `parent`. */
-function add(name, parent, properties) {
-  const element = Object.assign(document.createElement(name), properties);
-  parent.append(element);
-  return element;
-}
+const putLine = (parent, { kind, dashed, faint }, d) =>
+  put(parent, "path", { class: words("curve", kind, dashed && "dashed", faint && "faint"), d });
 
 /** One axis: values, places in the drawing, and which share of the whole range is in sight. */
 class Scale {
@@ -137,80 +131,82 @@ export class Plot {
   makeParts() {
     const { frame, data } = this;
     this.clip = `plot-${Plot.count++}`;
-    this.fillLegend(add("div", frame, { className: "legend" }));
-    this.svg = make("svg", frame, { viewBox: `0 0 ${WIDTH} ${this.height}`, role: "img", "aria-label": data.title });
-    this.told = add("div", frame, { className: "told", role: "status" });
-    this.whole = add("button", frame, { className: "whole", type: "button", textContent: "Whole range" });
+    this.svg = draw("svg", { viewBox: `0 0 ${WIDTH} ${this.height}`, role: "img", "aria-label": data.title });
+    this.told = make("div", { class: "told", role: "status" });
+    this.whole = make("button", { class: "whole", type: "button" }, "Whole range");
+    frame.append(make("div", { class: "legend" }, ...this.entries()), this.svg, this.told, this.whole);
     Object.assign(frame, { tabIndex: 0, role: "group", ariaLabel: `${data.title}. ${KEYS}` }).classList.add("live");
   }
 
-  /** Each name once, with a sample of its look. */
-  fillLegend(legend) {
+  /** Of the legend: each name once, with a sample of its look. */
+  entries() {
     const names = new Map(Object.keys(this.data.shades ?? {}).map((name) => [name, null]));
     for (const series of this.curves) if (!names.has(series.name)) names.set(series.name, series);
-    if (names.size === 1 && names.has(this.data.y.label)) return;
-    for (const [name, series] of names) {
-      const entry = add("span", legend), sample = make("svg", entry, { viewBox: "0 0 22 10", tone: series?.colour });
-      entry.append(series?.right ? `${name} (right)` : name);
-      if (!series) make("rect", sample, { class: "shade", width: 22, height: 10 });
-      if (series?.kind === "line") makeLine(series, "M0 5H22", sample);
-      if (series?.marker) makeMark(series, 3, sample, "translate(11 5)");
-    }
+    if (names.size === 1 && names.has(this.data.y.label)) return [];
+    return [...names].map(([name, series]) => {
+      const sample = draw("svg", { viewBox: "0 0 22 10", ...tone(series ?? {}) });
+      if (!series) put(sample, "rect", { class: "shade", width: 22, height: 10 });
+      if (series?.kind === "line") putLine(sample, series, "M0 5H22");
+      if (series?.marker) putMark(sample, series, 3, "translate(11 5)");
+      return make("span", {}, sample, series?.right ? `${name} (right)` : name);
+    });
   }
 
   // Drawing
 
   redraw() {
-    const { x, y, svg } = this, area = { x: x.from, y: y.to, width: x.to - x.from, height: y.from - y.to };
+    const { x, y, svg, data } = this, area = { x: x.from, y: y.to, width: x.to - x.from, height: y.from - y.to };
     svg.replaceChildren();
-    make("rect", make("clipPath", svg, { id: this.clip }), area);
-    this.drawRulers(make("g", svg, { class: "rulers" }));
-    const inside = make("g", svg, { "clip-path": `url(#${this.clip})` });
-    for (const [begin, end] of Object.values(this.data.shades ?? {}).flat()) {
-      make("rect", inside, { ...area, class: "shade", x: x.place(begin), width: x.place(end) - x.place(begin) });
+    put(put(svg, "clipPath", { id: this.clip }), "rect", area);
+    this.drawRulers(put(svg, "g", { class: "rulers" }));
+    const inside = put(svg, "g", { "clip-path": `url(#${this.clip})` });
+    for (const ends of Object.values(data.shades ?? {}).flat()) {
+      const [begin, end] = ends.map((value) => x.place(value));
+      put(inside, "rect", { ...area, class: "shade", x: begin, width: end - begin });
     }
-    for (const series of this.series) this.drawSeries(series, make("g", inside, { tone: series.colour }));
-    for (const guide of this.data.guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, inside);
-    this.choice = make("rect", svg, { class: "choice" });
-    this.dot = make("circle", svg, { class: "dot", r: 4 });
+    for (const series of this.series) this.drawSeries(series, put(inside, "g", tone(series)));
+    for (const guide of data.guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, put(inside, "g", tone(guide)));
+    this.choice = put(svg, "rect", { class: "choice", style: "display: none" });
+    this.dot = put(svg, "circle", { class: "dot", r: 4 });
     this.whole.hidden = !x.zoomed && !y.zoomed;
-    this.choice.style.display = "none";
     if (this.at) this.tell(...this.at);
     else this.hide();
   }
 
-  drawRulers(parent) {
-    const { x, y, right } = this, middle = (y.from + y.to) / 2;
+  drawRulers(group) {
+    const { x, y, right } = this, text = (place, at, said) => put(group, "text", { class: place, ...at }, said);
+    const aside = (at) => ({ transform: `translate(${at} ${(y.from + y.to) / 2}) rotate(-90)` });
     for (const value of x.ticks()) {
-      make("path", parent, { d: `M${x.place(value)} ${y.from}V${y.to}` });
-      make("text", parent, { class: "x", x: x.place(value), y: y.from + 12 }, x.words(value));
+      put(group, "path", { d: `M${x.place(value)} ${y.from}V${y.to}` });
+      text("x", { x: x.place(value), y: y.from + 12 }, x.words(value));
     }
     for (const value of y.ticks()) {
-      make("path", parent, { d: `M${x.from} ${y.place(value)}H${x.to}` });
-      make("text", parent, { class: "y", x: x.from - 5, y: y.place(value) + 3 }, y.words(value));
+      put(group, "path", { d: `M${x.from} ${y.place(value)}H${x.to}` });
+      text("y", { x: x.from - 5, y: y.place(value) + 3 }, y.words(value));
     }
-    for (const value of right?.ticks() ?? []) make("text", parent, { x: x.to + 5, y: right.place(value) + 3 }, right.words(value));
-    make("path", parent, { class: "axis", d: `M${x.from} ${y.to}V${y.from}H${x.to}` });
-    make("text", parent, { class: "x", x: (x.from + x.to) / 2, y: this.height - 4 }, x.label);
-    make("text", parent, { class: "x", transform: `translate(9 ${middle}) rotate(-90)` }, y.label);
-    if (right) make("text", parent, { class: "x", transform: `translate(${WIDTH - 4} ${middle}) rotate(-90)` }, right.label);
+    for (const value of right?.ticks() ?? []) text("", { x: x.to + 5, y: right.place(value) + 3 }, right.words(value));
+    put(group, "path", { class: "axis", d: `M${x.from} ${y.to}V${y.from}H${x.to}` });
+    text("x", { x: (x.from + x.to) / 2, y: this.height - 4 }, x.label);
+    text("x", aside(9), y.label);
+    if (right) text("x", aside(WIDTH - 4), right.label);
   }
 
-  drawGuide({ at, text, axis, colour, at_start: atStart }, parent) {
+  drawGuide({ at, text, axis, at_start: atStart }, group) {
     const { x, y } = this, place = this[axis].place(at), upright = axis === "x";
-    const group = make("g", parent, { class: upright ? "guide upright" : "guide", tone: colour });
-    make("path", group, { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
-    if (upright) make("text", group, { transform: `translate(${place - 3} ${y.from - 4}) rotate(-90)` }, text);
-    else make("text", group, { class: atStart ? "" : "y", x: atStart ? x.from + 4 : x.to - 3, y: place - 3 }, text);
+    group.setAttribute("class", words("guide", upright && "upright"));
+    put(group, "path", { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
+    if (upright) put(group, "text", { class: "y", transform: `translate(${place - 3} ${y.to + 2}) rotate(-90)` }, text);
+    else put(group, "text", { class: atStart ? "" : "y", x: atStart ? x.from + 4 : x.to - 3, y: place - 3 }, text);
   }
 
-  drawSeries(series, parent) {
+  drawSeries(series, group) {
     const [x, y] = series.scales, places = series.points.map(([a, b]) => [x.place(a).toFixed(2), y.place(b).toFixed(2)]);
     const line = series.kind === "line", every = line ? Math.max(Math.floor(places.length / 8), 1) : 1;
-    if (series.kind !== "marks") makeLine(series, `M${places.join("L")}`, parent);
-    for (let i = 0; series.marker && i < places.length; i += every) makeMark(series, line ? 2.2 : 3.6, parent, `translate(${places[i]})`);
+    const marked = series.marker ? places.filter((_, i) => i % every === 0) : [];
+    if (series.kind !== "marks") putLine(group, series, `M${places.join("L")}`);
+    for (const place of marked) putMark(group, series, line ? 2.2 : 3.6, `translate(${place})`);
     for (const [i, label] of series.labels.entries()) {
-      make("text", parent, { class: "label", x: x.place(series.x[i]) + 7, y: y.place(series.y[i]) - 4 }, label);
+      put(group, "text", { class: "label", x: x.place(series.x[i]) + 7, y: y.place(series.y[i]) - 4 }, label);
     }
   }
 
@@ -233,9 +229,7 @@ export class Plot {
     const { told, dot } = this, point = curve.points[index], [x, y] = curve.scales.map((scale, i) => scale.place(point[i]));
     told.style.display = dot.style.display = this.seen(curve, point) ? "" : "none";
     [dot.cx.baseVal.value, dot.cy.baseVal.value] = [x, y];
-    told.replaceChildren();
-    add("b", told, { textContent: curve.name });
-    for (const [i, scale] of curve.scales.entries()) told.append(document.createElement("br"), ` ${scale.told(point[i])}`);
+    told.replaceChildren(make("b", {}, curve.name), ...curve.scales.flatMap((scale, i) => [make("br"), ` ${scale.told(point[i])}`]));
     const box = this.svg.getBoundingClientRect(), own = this.frame.getBoundingClientRect(), unit = box.width / WIDTH;
     const left = box.left - own.left + x * unit, aside = left + 14 + told.offsetWidth > own.width ? -14 - told.offsetWidth : 14;
     told.style.left = `${Math.max(0, left + aside)}px`;
@@ -248,14 +242,11 @@ export class Plot {
   }
 
   tellNearest([x, y]) {
-    let nearest = Infinity, found = null;
-    for (const curve of this.curves) {
-      for (const [index, point] of curve.points.entries()) {
-        const distance = Math.hypot(curve.scales[0].place(point[0]) - x, curve.scales[1].place(point[1]) - y);
-        if (distance < nearest && this.seen(curve, point)) [nearest, found] = [distance, [curve, index]];
-      }
-    }
-    if (found) this.tell(...found);
+    const all = this.curves.flatMap((curve) => curve.points.map((point, index) => ({ curve, point, index })));
+    const away = ({ curve: { scales: [X, Y] }, point: [a, b] }) => Math.hypot(X.place(a) - x, Y.place(b) - y);
+    const near = all.filter(({ curve, point }) => this.seen(curve, point)).map((one) => [away(one), one]);
+    const [, found] = near.reduce((best, one) => (one[0] < best[0] ? one : best), [Infinity, null]);
+    if (found) this.tell(found.curve, found.index);
     else this.hide();
   }
 

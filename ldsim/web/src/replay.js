@@ -76,19 +76,19 @@ export class Replay {
   /** Turns to a motion, at the frame in which it is farthest from rest. */
   choose(number) {
     this.motion = this.motions[number];
-    for (const film of this.motion.films) {
-      film.q ??= unpacked(film.coordinates);
-      film.mean ??= film.mean_mm && unpacked(film.mean_mm);
-      film.paths ??= film.grips.map(unpacked);
+    for (const shown of this.motion.spaces) {
+      shown.q ??= unpacked(shown.coordinates);
+      shown.mean ??= shown.mean_mm && unpacked(shown.mean_mm);
+      shown.paths ??= shown.grips.map(unpacked);
     }
     for (const drag of this.motion.drags) drag.path ??= unpacked(drag.targets);
-    this.panels = this.motion.films.map((film) => {
+    this.panels = this.motion.spaces.map((shown) => {
       const told = make("span");
-      return { film, told, label: make("div", { class: `panel space ${film.space}` }, make("b", {}, film.title), told) };
+      return { shown, told, label: make("div", { class: `panel space ${shown.space}` }, make("b", {}, shown.title), told) };
     });
     this.part("panels").replaceChildren(...this.panels.map(({ label }) => label));
     this.part("scrub").max = this.motion.frames - 1;
-    const judged = this.motion.films.length > 1 && this.motion.films[0].space === "full" && this.motion.limit > 0;
+    const judged = this.motion.spaces.length > 1 && this.motion.spaces[0].space === "full" && this.motion.limit > 0;
     this.part("key-bar").hidden = !judged;
     this.limit = judged ? this.motion.limit : Infinity;
     this.part("limit").textContent = millimetres(1000 * this.motion.limit);
@@ -111,33 +111,33 @@ export class Replay {
   draw() {
     const { surface, view, camera, frame } = this, whole = this.canvas.getBoundingClientRect(), lines = [];
     view.clear();
-    for (const { film, label, told } of this.panels) {
-      const lost = frame >= film.frames;
-      told.textContent = lost ? `diverged at ${(film.frames * this.motion.seconds).toFixed(2)} s`
-        : film.mean ? `${millimetres(film.mean[frame])} from full space on average` : "\u00a0";
+    for (const { shown, label, told } of this.panels) {
+      const lost = frame >= shown.frames;
+      told.textContent = lost ? `diverged at ${(shown.frames * this.motion.seconds).toFixed(2)} s`
+        : shown.mean ? `${millimetres(shown.mean[frame])} from full space on average` : "\u00a0";
       // The solid is drawn below the words of its panel.
       const box = label.getBoundingClientRect(), height = box.bottom - told.getBoundingClientRect().bottom;
       camera.part = { left: box.left - whole.left, bottom: whole.bottom - box.bottom, width: box.width, height };
       if (lost) continue;
-      this.decode(film, frame);
-      if (film.space === "full") this.reference.set(surface.positions);
+      this.decode(shown, frame);
+      if (shown.space === "full") this.reference.set(surface.positions);
       surface.tintByDistance(this.reference, this.limit);
       surface.refresh();
       this.body.changed = true;
       view.draw([this.body], this.colours);
-      lines.push(...this.pulls(film, frame));
+      lines.push(...this.pulls(shown, frame));
     }
     this.part("pulls").replaceChildren(...lines);
   }
 
   /** A line from what each drag holds to where it pulls, in the panel that is drawn. */
-  pulls(film, frame) {
+  pulls(shown, frame) {
     const { left, bottom, height } = this.camera.part, corner = [left, this.canvas.clientHeight - bottom - height];
     const place = (path, i) => this.camera.toScreen(at(path, i)).map((x, axis) => x + corner[axis]);
     return this.motion.drags.flatMap(({ first, path }, i) => {
       const now = frame - first;
-      if (now < 0 || 3 * now >= Math.min(path.length, film.paths[i].length)) return [];
-      return pull(place(film.paths[i], now), place(path, now), 3.5);
+      if (now < 0 || 3 * now >= Math.min(path.length, shown.paths[i].length)) return [];
+      return pull(place(shown.paths[i], now), place(path, now), 3.5);
     });
   }
 
