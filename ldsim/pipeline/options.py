@@ -1,4 +1,4 @@
-"""The options of the stages mesh and snapshot, which put together those of the rooms below."""
+"""The options of the stages mesh, snapshot and simulate, which put together those of the rooms below."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ldsim.mechanics.options import (
     CellDataOptions,
     GravitySweepOptions,
     LoadOptions,
+    MaterialChangeOptions,
     MaterialOptions,
     MaterialRegionOptions,
     PullOptions,
@@ -130,3 +131,25 @@ class SnapshotOptions(FullOptions):
         """The files that it names, as it names them."""
         files = (name for motion in self.motions for name in (motion.recording, motion.script_file))
         return tuple(name for name in files if name is not None)
+
+
+class SimulateOptions(Options):
+    """How the motions are run and judged."""
+
+    motions: Annotated[tuple[str, ...] | None, Field(description="Which motions; left out, all.")] = None
+    points: Annotated[
+        int | None, Field(ge=1, description="The largest latent rule of at most so many points; left out, the best.")
+    ] = None
+    linear_points: Annotated[int | None, Field(ge=1, description="The same for the linear space.")] = None
+    tolerance: Annotated[Positive, Field(description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")] = 1e-8
+    max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
+    full_frames: Annotated[
+        int, Field(ge=1, description="Frames of the full space to time, from the first grab on.")
+    ] = 100
+    material: Annotated[
+        MaterialChangeOptions | None,
+        Field(description="Another material than that of the scene, for all motions; no errors are computed then."),
+    ] = None
+    window: Annotated[
+        Positive, Field(description="Restart from the full space this often for the windowed error, s.")
+    ] = 0.25

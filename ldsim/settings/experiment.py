@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ldsim.learn.options import TrainOptions
-from ldsim.mechanics.options import MaterialChangeOptions
 from ldsim.options import Options, Positive, checked_options, read_options
-from ldsim.pipeline.options import MeshOptions, SnapshotOptions
+from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
 
@@ -57,19 +56,6 @@ class CubatureSettings(Options):
     seed: int = Field(0, ge=0, description="Of the choice of poses and candidates.")
 
 
-class SimulateSettings(Options):
-    motions: tuple[str, ...] | None = Field(None, description="Which motions; left out, all.")
-    points: int | None = Field(None, ge=1, description="The largest latent set of at most so many; left out, the best.")
-    linear_points: int | None = Field(None, ge=1, description="The same for the linear set.")
-    tolerance: Positive = Field(1e-8, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")
-    max_iterations: int = Field(200, ge=1, description="Of one reduced step.")
-    full_frames: int = Field(100, ge=1, description="Frames of the full space to time, from the first grab on.")
-    material: MaterialChangeOptions | None = Field(
-        None, description="Another material than that of the scene, for all motions; no errors are computed then."
-    )
-    window: Positive = Field(0.25, description="Restart from the full space this often for the windowed error, s.")
-
-
 class Settings(Options):
     """One experiment."""
 
@@ -79,7 +65,7 @@ class Settings(Options):
     pca: PcaOptions = PcaOptions()
     train: TrainOptions = TrainOptions()
     cubature: CubatureSettings = CubatureSettings()  # type: ignore[call-arg]
-    simulate: SimulateSettings = SimulateSettings()  # type: ignore[call-arg]
+    simulate: SimulateOptions = SimulateOptions()
     report: ReportOptions = ReportOptions()
 
     @model_validator(mode="after")

@@ -1,0 +1,122 @@
+"""The stage `simulate`: the motions in the full, the linear and the latent space, timed and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ldsim.artefacts.records import StoredCubature
+from ldsim.artefacts.simulation import write_simulation
+from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.trajectory import Trajectory
+from ldsim.errors import SettingsError
+from ldsim.jit import one_thread
+from ldsim.mechanics.properties import Change
+from ldsim.mechanics.scene import properties_of, with_properties
+from ldsim.optimise.solution import Reason
+from ldsim.pipeline.comparison import Reference, compare_motion
+from ldsim.pipeline.options import SimulateOptions
+from ldsim.pipeline.progress import SILENT, Progress
+from ldsim.run import Run
+from ldsim.space.novelty import Novelty
+from ldsim.space.space import Space
+
+Trajectories = dict[str, dict[str, Trajectory]]
+
+
+def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: Progress = SILENT) -> Trajectories:
+    """Run the motions in all three spaces and write simulation.h5; space → motion → what was run.
+
+    Raises:
+        SettingsError: a motion is not known.
+        ArtefactError: what is needed is missing or stale, or the artefact cannot be written.
+    """
+    stage = run.stage("simulate", options)
+    run.require("scene", "snapshots", "basis", "model", "cubature")
+    snapshots, changed = run.snapshots, options.material is not None
+    spaces = _spaces(run, options)
+    names = _known(options.motions, snapshots.names)
+    runs: Trajectories = {"full": {}, "linear": {}, "latent": {}}
+    minimisers: dict[str, str | float | int] = {}
+    reduced = ReducedOptions(tolerance=options.tolerance, max_iterations=options.max_iterations)
+    steps = sum((2 if changed else 4) * snapshots.frames(name) for name in names)
+    with one_thread(), progress.bar("simulate", steps, "step") as bar:
+        for name in names:
+            bar.say(name)
+            recorded = run.recorded(name)
+            reference = Reference(recorded.motion, recorded.held, None if changed else snapshots.reader(name))
+            compared = compare_motion(spaces, reference, reduced, options.full_frames, options.window, bar.update)
+            for space, trajectory, minimiser in compared:
+                runs[space][name] = _with_novelty(trajectory, run.model.novelty)
+                minimisers[f"{space}_minimiser"] = minimiser
+    inputs = ("scene", "snapshots", "basis", "model", "cubature")
+    header = stage.header("simulation", inputs, -1, **minimisers, material_changed=int(changed))
+    write_simulation(run.path("simulation"), header, runs)
+    run.written("simulation")
+    for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
+        progress.tell(f"warning: {warning}")
+    return runs
+
+
+def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
+    """The reduced spaces, with the rules and the material that are asked for."""
+    scene = run.scene
+    if options.material is not None:
+        scene = with_properties(scene, properties_of(scene).changed(Change.of(options.material)))
+    found = []
+    for name, points in (("linear", options.linear_points), ("latent", options.points)):
+        rule = _rule(run.cubature[name], points, options.material is not None)
+        found.append(replace(run.space(name), scene=scene, rule=rule, lifting=None))
+    return found
+
+
+def _rule(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
+    """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
+    if points is not None:
+        return stored.at_most(points)
+    return stored.best if changed else stored.stepped
+
+
+def _known(wanted: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    unknown = [name for name in wanted or () if name not in known]
+    if unknown:
+        raise SettingsError(f"simulate.motions names {unknown[0]!r}; the snapshots hold {', '.join(known)}")
+    return list(known if wanted is None else wanted)
+
+
+def _with_novelty(trajectory: Trajectory, novelty: Novelty | None) -> Trajectory:
+    if novelty is None or trajectory.latent is None:
+        return trajectory
+    return replace(trajectory, novelty=novelty(trajectory.latent))
+
+
+def _novel_frames(runs: Mapping[str, Trajectory], novelty: Novelty | None) -> list[str]:
+    """Where the latent space was among states that it does not know."""
+    found = []
+    for name, trajectory in runs.items():
+        if novelty is None or trajectory.novelty is None:
+            continue
+        far = int((trajectory.novelty > novelty.threshold).sum())
+        if far:
+            found.append(
+                f"{name} in the latent space: {far} of {len(trajectory.novelty)} frames are far from the training "
+                f"motions (score up to {np.nanmax(trajectory.novelty):.2g}, threshold {novelty.threshold:.2g}); train "
+                "on motions like it"
+            )
+    return found
+
+
+def _failed_steps(runs: Mapping[str, Mapping[str, Trajectory]]) -> list[str]:
+    found = []
+    for space, motions in runs.items():
+        for name, trajectory in motions.items():
+            failed = int((trajectory.reason != Reason.CONVERGED).sum())
+            if trajectory.diverged:
+                found.append(f"{name} in the {space} space diverged")
+            elif failed:
+                worst = Reason(int(trajectory.reason.max())).words
+                found.append(f"{name} in the {space} space: {failed} steps did not converge ({worst})")
+    return found
