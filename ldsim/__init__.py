@@ -1,4 +1,8 @@
-"""Reduced deformable simulation in a learned latent space (Fulton et al., Eurographics 2019)."""
+"""Reduced deformable simulation in a learned latent space (Fulton et al., Eurographics 2019).
+
+The front door is `from ldsim import Run, simulate, load, Simulator`; each stage is a function of its module in
+`ldsim.pipeline`, as `from ldsim.pipeline.train import train`.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,16 @@ from typing import Any
 
 __version__ = "0.1.0"
 
+# Imported when they are first asked for, so that `import ldsim` is instant; `__init__.pyi` tells type checkers.
+HOMES = {
+    "Run": "ldsim.run",
+    "Simulator": "ldsim.simulator",
+    "load": "ldsim.simulator",
+    "simulate": "ldsim.dynamics.stepper",
+}
+
 
 def __getattr__(name: str) -> Any:
-    """`from ldsim import load`: the simulator and all that it needs are imported only then."""
-    if name in ("load", "Simulator"):
-        return getattr(importlib.import_module("ldsim.simulator"), name)
-    raise AttributeError(f"module 'ldsim' has no attribute {name!r}")
+    if name in HOMES:
+        return getattr(importlib.import_module(HOMES[name]), name)
+    raise AttributeError(f"module 'ldsim' has no attribute {name!r}; it has {', '.join(HOMES)}")

@@ -5,21 +5,39 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from ldsim import Run
 from tests.simulator.playable import write_playable
 
-PAGE = Path(__file__).parents[2] / "docs" / "guide" / "simulator.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "guide"
+
+
+def run_examples(page: str) -> dict[str, object]:
+    """Run the blocks of a page, each after those before it, and give back the names that they leave."""
+    blocks = re.findall(r"^```python\n(.*?)^```", (GUIDE / page).read_text("utf-8"), re.M | re.S)
+    assert len(blocks) >= 5
+    names: dict[str, object] = {}
+    for block in blocks:
+        exec(compile(block, page, "exec"), names)
+    return names
 
 
 def test_the_examples_of_the_simulator_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "runs" / "demo").mkdir(parents=True)
     write_playable(tmp_path / "runs" / "demo", resolution=1)
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)
-    assert len(blocks) >= 5
-    names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, str(PAGE), "exec"), names)
+    names = run_examples("simulator.md")
     first, second = names["ends"]  # type: ignore[misc]
     assert abs(first - second).max() > 1e-5  # type: ignore[has-type]
+
+
+def test_the_examples_of_the_python_page_run_every_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = run_examples("python.md")
+    for kind in ("scene", "snapshots", "basis", "model"):
+        assert (tmp_path / "runs" / "small" / f"{kind}.h5").is_file()
+    with Run.open(tmp_path / "runs" / "small") as run:
+        full = run.snapshots.reader("others")(39, 40)[0]
+    np.testing.assert_allclose(names["u"], full, atol=1e-4)  # type: ignore[arg-type]

@@ -1,0 +1,7 @@
+from ldsim.dynamics.stepper import simulate as simulate
+from ldsim.run import Run as Run
+from ldsim.simulator import Simulator as Simulator
+from ldsim.simulator import load as load
+
+HOMES: dict[str, str]
+__version__: str
