@@ -16,12 +16,11 @@ from ldsim.export.arrays import model_arrays, safetensors
 from ldsim.mechanics.materials import material_names
 from ldsim.report.camera import first_look
 from ldsim.run import Run
-from ldsim.web import bundle, inlined, playground, playground_style
+from ldsim.web import PAGE_MATERIALS, bundle, inlined, playground, playground_style
 
+CELLS = {"tet4": "tetrahedra", "hex8": "hexahedra"}
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
 SINGLE = ("vertices", "basis")
-# What web/src/materials.js has; a model of another material is refused by its name.
-PAGE_MATERIALS = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 
 
 def write_playground(run: Run, path: Path) -> None:
@@ -30,10 +29,11 @@ def write_playground(run: Run, path: Path) -> None:
     Raises:
         SceneError: the solid has a material that the page does not know.
     """
-    scene = run.scene
-    material_names(np.unique(scene.material).tolist(), PAGE_MATERIALS, "the exported page")
-    mesh = scene.mesh
-    about = first_look(scene) | {"title": run.experiment, "cells": mesh.n_cells, "cell_type": mesh.cell_type}
+    material_names(np.unique(run.scene.material).tolist(), PAGE_MATERIALS, "the exported page")
+    mesh, space = run.scene.mesh, run.space("latent")
+    cells = f"{mesh.n_cells:,} {CELLS[mesh.cell_type]}"
+    subtitle = f"{cells}, moved by {space.r} numbers and {len(space.rule.points)} cubature points"
+    about = first_look(run.scene) | {"title": run.experiment, "subtitle": subtitle}
     script = (
         f'<script type="application/json" id="about">{inlined(about)}</script>\n'
         f'<script type="application/octet-stream" id="model">{packed_model(run)}</script>\n'

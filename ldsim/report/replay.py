@@ -70,7 +70,7 @@ def make_replay(run: Run) -> Replay | None:
         "high": high.tolist(),
         "rest": packed(run.scene.mesh.vertices[vertices], "f4"),
         "triangles": packed(triangles, "u2"),
-        "modes": packed(modes16.T, "i2"),
+        "modes": packed(modes16, "i2"),
         "scales": scales.tolist(),
         "motions": [_described(run, motion, stride, [next(left) for _ in motion.spaces]) for motion in motions],
     }

@@ -36,7 +36,7 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
         )
     for simulator in first:
         _warm(simulator)
-    offered = [space for space in SPACES if space != "full" or coarse]
+    offered = [space for space in reversed(SPACES) if space != "full" or coarse]
     session = Session(lambda space: load(run, space), offered, first)
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
 

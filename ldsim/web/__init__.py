@@ -6,7 +6,10 @@ import json
 import re
 from importlib.resources import files
 
-__all__ = ["bundle", "inlined", "page", "playground", "playground_style"]
+__all__ = ["PAGE_MATERIALS", "bundle", "inlined", "page", "playground", "playground_style"]
+
+# The materials that port.py translates for the page that steps by itself; another is refused there by its name.
+PAGE_MATERIALS = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 
 
 def bundle(name: str) -> str:

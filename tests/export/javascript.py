@@ -17,7 +17,7 @@ STEP = Path(ldsim.web.__file__).parent / "src" / "step.js"
 IMPORTS = f"""
 import {{ readFileSync }} from "node:fs";
 import {{
-  Stepper, displaced, energyStress, held, readSafetensors, spaceOf, springOn, tangent
+  material, Stepper, displaced, held, readSafetensors, spaceOf, springOn
 }} from {json.dumps(STEP.as_uri())};
 """
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed: it runs the playground's step")

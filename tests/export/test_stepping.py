@@ -15,7 +15,6 @@ from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import simulate
 from ldsim.export.arrays import safetensors, space_arrays
-from ldsim.export.playground import PAGE_MATERIALS
 from ldsim.mechanics.loads import held_vertices
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
@@ -26,6 +25,7 @@ from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
+from ldsim.web import PAGE_MATERIALS
 from tests.export.javascript import needs_node, run_javascript
 from tests.helpers import bent, reduced_space, scene
 from tests.mechanics.material_vectors import LAM, MU, read, stress_change
@@ -37,12 +37,9 @@ K, R, FRAMES = 6, 4, 100
 
 TRY_MATERIALS = """
 result = given.map(([kind, F, mu, lam]) => {
-  const P = new Float64Array(9), U = new Float64Array(9), V = new Float64Array(9);
-  const D = new Float64Array(6), O = new Float64Array(6);
-  const density = energyStress(kind, Float64Array.from(F), mu, lam, P);
-  tangent(kind, Float64Array.from(F), mu, lam, U, V, D, O);
-  const parts = [U, V, D, O].map((part) => Array.from(part));
-  return { density: density === Infinity ? "infinite" : density, P: Array.from(P), tangent: parts };
+  const [density, P] = material(kind).energyStress(F, mu, lam);
+  const parts = material(kind).tangent(F, mu, lam, true);
+  return { density: density === Infinity ? "infinite" : density, P, tangent: parts };
 });
 """
 PLAY = """
@@ -93,7 +90,7 @@ def test_a_material_has_the_same_energy_stress_and_tangent(answers: dict[str, li
 
 def test_a_material_that_the_page_does_not_have_is_no_other_one() -> None:
     program = """
-    try { result = energyStress(given, new Float64Array(9), 1, 1, new Float64Array(9)); }
+    try { result = material(given); }
     catch (error) { result = error.message; }
     """
     assert run_javascript(program, 99) == "no material has the number 99"

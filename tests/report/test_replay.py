@@ -41,9 +41,9 @@ def unpacked(packed: list[str]) -> np.ndarray:
 
 def displacements(data: dict[str, Any], shown: dict[str, Any]) -> np.ndarray:
     """u of the drawn vertices as the page decodes it, (N, v, 3) metres."""
-    modes = unpacked(data["modes"]).reshape(len(data["scales"]), -1)
+    modes = unpacked(data["modes"]).reshape(-1, len(data["scales"]))
     c = unpacked(shown["coordinates"]).reshape(shown["frames"], -1)
-    return (c * np.array(data["scales"]) @ modes).reshape(shown["frames"], -1, 3)
+    return (c * np.array(data["scales"]) @ modes.T).reshape(shown["frames"], -1, 3)
 
 
 def truth(run: Run, motion: str, space: str) -> np.ndarray:

@@ -186,7 +186,7 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
     with joined(url) as page:
         for message, words in (
             ({"kind": "grab", "id": 1, "point": [99, 0, 0], "target": [0, 0, 0]}, "hits no vertex"),
-            ({"kind": "spaces", "value": ["fluid"]}, "offered are full, linear, latent"),
+            ({"kind": "spaces", "value": ["fluid"]}, "offered are latent, linear, full"),
             ({"kind": "colour", "value": "smell"}, "known are plain"),
             ({"kind": "record", "value": True}, "nothing is recorded here"),
             ({"kind": "replay", "value": True}, "nothing is played back here"),

@@ -4,6 +4,9 @@ import { along, cross, dot, minus, normalised } from "./vector.js";
 
 const NARROW = 0.3; // tangent of half the field of view, along the shorter side
 
+/** A matrix of four rows as shaders take it. */
+const columns = (rows) => new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
+
 export class Camera {
   /** canvas: what is drawn to; up: the rotation (9, row by row) from model to world; angles in degrees. */
   constructor(canvas, up, azimuth, elevation) {
@@ -68,7 +71,7 @@ export class Camera {
       [...out.map((x) => x * c), -dot(out, eye) * c + d],
       w,
     ];
-    return new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
+    return columns(rows);
   }
 
   /** The ray through a point of the part, in the model's coordinates, and the direction out of the screen. */
@@ -106,8 +109,7 @@ export class Camera {
 export function lampProjection(lamp, centre, reach) {
   const right = normalised(cross([0, 1, 0], lamp)), up = cross(lamp, right), deep = 6 * reach;
   const rows = [[right, reach], [up, reach], [lamp, -deep]].map(([axis, size]) => [...axis, -dot(axis, centre)].map((x) => x / size));
-  rows.push([0, 0, 0, 1]);
-  return new Float32Array([0, 1, 2, 3].flatMap((j) => rows.map((row) => row[j])));
+  return columns([...rows, [0, 0, 0, 1]]);
 }
 
 /** The pointers on a canvas that turn the view: one orbits, two zoom and, where `pans`, shift. */

@@ -1,4 +1,4 @@
-// The decoder φ(z) = N(z) − N(0) + A z, its skip kept as Aᵀ, and its derivatives, ported from ldsim/reduction/decoder.py.
+// The decoder φ(z) = N(z) − N(0) + A z, its skip kept as Aᵀ, and its derivatives, ported from ldsim/space/decoder.py.
 
 const ACTIVATIONS = [
   { value: (x) => (x > 0 ? x : Math.expm1(x)), slope: (y) => (y > 0 ? 1 : y + 1) },
@@ -7,103 +7,78 @@ const ACTIVATIONS = [
   { value: (x) => 0.5 + 0.5 * Math.tanh(0.5 * x), slope: (y) => y * (1 - y) },
 ];
 
+/** out += x W, for a table W of as many rows as x has numbers. */
+function addRows(x, W, out) {
+  const columns = out.length;
+  for (let i = 0, w = 0; i < x.length; i++, w += columns) for (let j = 0; j < columns; j++) out[j] += x[i] * W[w + j];
+}
+
+/** out += W x, for a table W of as many columns as x has numbers. */
+function addColumns(x, W, out) {
+  for (let i = 0, w = 0; i < out.length; i++) for (let j = 0; j < x.length; j++) out[i] += W[w++] * x[j];
+}
+
 export class Decoder {
   /** sizes: r, hidden widths, k, or k alone for the identity; the others as `Layers` in Python. */
   constructor(sizes, weights, biases, rest, skip, activation) {
-    this.sizes = sizes;
-    this.identity = sizes.length === 1;
-    this.rest = rest;
-    this.skip = skip;
-    this.activation = ACTIVATIONS[activation];
-    this.layers = [];
+    Object.assign(this, { sizes, skip, identity: sizes.length === 1, activation: ACTIVATIONS[activation], layers: [] });
+    this.rest = this.identity ? new Float64Array(sizes[0]) : rest;
     let w = 0, b = 0;
     for (let i = 0; i + 1 < sizes.length; i++) {
-      const rows = sizes[i], columns = sizes[i + 1], last = i + 2 === sizes.length;
+      const rows = sizes[i], columns = sizes[i + 1];
       this.layers.push({
-        rows,
         columns,
-        last,
-        W: weights.subarray(w, w + rows * columns),
-        b: biases.subarray(b, b + columns),
+        last: i + 2 === sizes.length,
+        W: weights.subarray(w, (w += rows * columns)),
+        b: biases.subarray(b, (b += columns)),
         out: new Float64Array(columns), // activations, kept for the derivatives
         back: new Float64Array(rows),
         tangent: new Float64Array(columns),
       });
-      w += rows * columns;
-      b += columns;
     }
   }
 
   /** q = φ(z). */
   decode(z, q) {
-    if (this.identity) {
-      q.set(z);
-      return;
-    }
-    const value = this.activation.value;
     let input = z;
-    for (const { rows, columns, last, W, b, out } of this.layers) {
+    for (const { columns, last, W, b, out } of this.layers) {
       out.set(b);
-      for (let i = 0, w = 0; i < rows; i++) {
-        const x = input[i];
-        for (let j = 0; j < columns; j++) out[j] += x * W[w++];
-      }
-      if (!last) for (let j = 0; j < columns; j++) out[j] = value(out[j]);
+      addRows(input, W, out);
+      if (!last) for (let j = 0; j < columns; j++) out[j] = this.activation.value(out[j]);
       input = out;
     }
     for (let i = 0; i < q.length; i++) q[i] = input[i] - this.rest[i];
-    if (this.skip.length) {
-      for (let j = 0, w = 0; j < z.length; j++) for (let i = 0; i < q.length; i++) q[i] += this.skip[w++] * z[j];
-    }
+    if (this.skip.length) addRows(z, this.skip, q);
   }
 
   /** gradient = J(z)ᵀ v at the z last decoded. */
   vjp(v, gradient) {
-    if (this.identity) {
-      gradient.set(v);
-      return;
-    }
-    const slope = this.activation.slope;
     let incoming = v;
     for (let l = this.layers.length - 1; l >= 0; l--) {
-      const { rows, columns, W, back } = this.layers[l];
-      for (let i = 0, w = 0; i < rows; i++) {
-        let total = 0;
-        for (let j = 0; j < columns; j++) total += W[w++] * incoming[j];
-        back[i] = l === 0 ? total : total * slope(this.layers[l - 1].out[i]);
-      }
+      const { W, back } = this.layers[l];
+      back.fill(0);
+      addColumns(incoming, W, back);
+      if (l > 0) for (let i = 0; i < back.length; i++) back[i] *= this.activation.slope(this.layers[l - 1].out[i]);
       incoming = back;
     }
     gradient.set(incoming);
-    if (this.skip.length) {
-      for (let j = 0, w = 0; j < gradient.length; j++) for (let i = 0; i < v.length; i++) gradient[j] += this.skip[w++] * v[i];
-    }
+    if (this.skip.length) addColumns(v, this.skip, gradient);
   }
 
   /** jacobian (r, k) = J(z)ᵀ at the z last decoded, one tangent a row. */
   jacobian(jacobian, r, k) {
-    if (this.identity) {
-      jacobian.fill(0);
-      for (let i = 0; i < r; i++) jacobian[i * k + i] = 1;
-      return;
-    }
-    const slope = this.activation.slope;
     for (let a = 0; a < r; a++) {
-      let source = null;
-      for (const { rows, columns, last, W, out, tangent } of this.layers) {
-        if (source === null) {
-          tangent.set(W.subarray(a * columns, (a + 1) * columns));
-        } else {
-          tangent.fill(0);
-          for (let i = 0, w = 0; i < rows; i++) {
-            const x = source[i];
-            for (let j = 0; j < columns; j++) tangent[j] += x * W[w++];
-          }
-        }
-        if (!last) for (let j = 0; j < columns; j++) tangent[j] *= slope(out[j]);
+      const row = jacobian.subarray(a * k, (a + 1) * k), start = new Float64Array(r);
+      start[a] = 1;
+      let source = start;
+      for (const { columns, last, W, out, tangent } of this.layers) {
+        tangent.fill(0);
+        addRows(source, W, tangent);
+        if (!last) for (let j = 0; j < columns; j++) tangent[j] *= this.activation.slope(out[j]);
         source = tangent;
       }
-      for (let j = 0; j < k; j++) jacobian[a * k + j] = source[j] + (this.skip.length ? this.skip[a * k + j] : 0);
+      row.set(source);
+      if (this.skip.length) addRows(start, this.skip, row);
     }
   }
 }

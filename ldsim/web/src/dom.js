@@ -36,9 +36,24 @@ export function colour(name, element = document.documentElement) {
 /** The four colours of the scale, from little to much. */
 export const scale = () => [0, 1, 2, 3].map((i) => colour(`scale-${i}`));
 
+/** The shadow's colour with its opacity, as shaders have it. */
+export const shade = (element = document.documentElement) =>
+  getComputedStyle(element).getPropertyValue("--shadow").trim().split(/\s+/).map(Number);
+
 /** The scale as the background of an element. */
 export const gradient = () => `linear-gradient(90deg, ${[0, 1, 2, 3].map((i) => `var(--scale-${i})`)})`;
 
 export function onThemeChange(action) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", action);
+}
+
+/** Does something with the seconds since the last picture, before every picture for as long as it returns true. */
+export function everyPicture(action) {
+  let last = null; // the browser's clock for pictures, which may be behind performance.now()
+  const tick = (now) => {
+    const elapsed = Math.min(Math.max(now - (last ?? now), 0), 250) / 1000;
+    last = now;
+    if (action(elapsed)) requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
 }

@@ -4,70 +4,41 @@ import { fetchBlock } from "./arrays.js";
 
 const RETRY = 1000;
 
-/** The frame in a binary message. */
+const SPACE = "Uint32 count,Float32 milliseconds,Float32 iterations,Float32 evaluations,Uint32 outcome,Uint32 troubled,Float32 novelty";
+
+/** The frame in a binary message, as `frame_bytes` in Python writes it. */
 function readFrame(buffer) {
-  const view = new DataView(buffer);
-  const [spaceCount, grabCount, flags] = [view.getUint8(1), view.getUint8(2), view.getUint8(3)];
-  const frame = {
-    number: view.getUint32(4, true),
-    seconds: view.getFloat32(8, true),
-    paused: (flags & 1) > 0,
-    recording: (flags & 2) > 0,
-    replaying: (flags & 4) > 0,
-    bytes: buffer.byteLength,
-    spaces: [],
-    grabs: [],
-  };
+  const view = new DataView(buffer), spaces = [], grabs = [];
+  const [spaceCount, grabCount, flags] = [1, 2, 3].map((i) => view.getUint8(i));
   let at = 24;
   for (let i = 0; i < spaceCount; i++) {
-    const count = view.getUint32(at, true);
-    frame.spaces.push({
-      milliseconds: view.getFloat32(at + 4, true),
-      iterations: view.getFloat32(at + 8, true),
-      evaluations: view.getFloat32(at + 12, true),
-      outcome: view.getUint32(at + 16, true),
-      troubled: view.getUint32(at + 20, true),
-      novelty: view.getFloat32(at + 24, true),
-      q: new Float32Array(buffer, at + 28, count),
-    });
-    at += 28 + 4 * count;
+    const fields = SPACE.split(",").map((field) => field.split(" "));
+    const space = Object.fromEntries(fields.map(([type, name], n) => [name, view[`get${type}`](at + 4 * n, true)]));
+    spaces.push({ ...space, q: new Float32Array(buffer, at + 28, space.count) });
+    at += 28 + 4 * space.count;
   }
   for (let i = 0; i < grabCount; i++) {
-    const id = view.getUint32(at, true);
     const values = new Float32Array(buffer, at + 4, 3 + 3 * spaceCount);
-    frame.grabs.push({ id, target: values.slice(0, 3), centroids: values.slice(3) });
+    grabs.push({ id: view.getUint32(at, true), target: values.slice(0, 3), centroids: values.slice(3) });
     at += 4 + values.byteLength;
   }
-  return frame;
+  const [number, seconds] = [view.getUint32(4, true), view.getFloat32(8, true)];
+  return { number, seconds, paused: (flags & 1) > 0, bytes: buffer.byteLength, spaces, grabs };
 }
 
 function readColours(buffer) {
   const view = new DataView(buffer);
-  return {
-    space: view.getUint8(1),
-    low: view.getFloat32(4, true),
-    high: view.getFloat32(8, true),
-    values: new Uint8Array(buffer, 12),
-  };
+  return { space: view.getUint8(1), high: view.getFloat32(8, true), values: new Uint8Array(buffer, 12) };
 }
 
 export class Link {
-  solid() {
-    return fetchBlock("solid");
-  }
-
-  space(name) {
-    return fetchBlock(`space/${name}`);
-  }
+  lost = false;
+  solid = () => fetchBlock("solid");
+  space = (name) => fetchBlock(`space/${name}`);
 
   /** handlers: frame, colours, status, notice, lost, found. */
   connect(handlers) {
     this.handlers = handlers;
-    this.lost = false;
-    this.open();
-  }
-
-  open() {
     const url = new URL("socket", location.href);
     url.protocol = "ws:";
     this.socket = new WebSocket(url);
@@ -80,7 +51,7 @@ export class Link {
     this.socket.onclose = () => {
       if (!this.lost) this.handlers.lost();
       this.lost = true;
-      setTimeout(() => this.open(), RETRY);
+      setTimeout(() => this.connect(handlers), RETRY);
     };
   }
 

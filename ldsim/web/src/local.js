@@ -1,13 +1,13 @@
 // The model inside the page, in the place of a server: obeys the page, steps at the pace of time, and hands out frames.
 
 import { decoded, readSafetensors } from "./arrays.js";
+import { everyPicture } from "./dom.js";
 import { held, spaceOf, springOn } from "./model.js";
 import { Stepper } from "./stepping.js";
 import { inner, minus } from "./vector.js";
 
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
 const PATIENCE = 20; // steps in a row that may be lost before the solid starts again
-const CELLS = { tet4: "tetrahedra" };
 
 /** Rows of a table, of which the first k columns. */
 function taken({ data, shape }, rows, k) {
@@ -31,12 +31,9 @@ export class Local {
       this.steppers[space] = new Stepper(model, this.h);
       this.blocks[space] = { space, k: model.k, basis: taken(basis, coordinates, model.k) };
     }
-    const { r, points } = this.steppers.latent.space;
-    const cells = `${about.cells.toLocaleString("en")} ${CELLS[about.cell_type] ?? "hexahedra"}`;
     this.block = {
       ...about,
       mode: "local",
-      subtitle: `${cells}, moved by ${r} numbers and ${points} cubature points`,
       gravity: this.look.gravity,
       rest: taken(vertices, surface, 3),
       triangles: Uint32Array.from(triangles.data, (v) => number.get(v)),
@@ -46,31 +43,25 @@ export class Local {
     this.spaces(["latent"]);
   }
 
-  async solid() {
-    return this.block;
-  }
-
-  async space(name) {
-    return this.blocks[name];
-  }
+  solid = async () => this.block;
+  space = async (name) => this.blocks[name];
 
   /** Steps from now on; handlers as those of Link. */
   connect(handlers) {
     this.handlers = handlers;
     handlers.status(this.status());
-    let last = null; // the browser's clock for pictures, which may be behind performance.now()
-    const tick = (now) => {
-      const elapsed = Math.min(Math.max(now - (last ?? now), 0), 250) / 1000;
-      last = now;
+    everyPicture((elapsed) => {
       if (!this.look.paused) this.advance(elapsed * this.look.speed, elapsed);
       this.handlers.frame(this.frame());
-      requestAnimationFrame(tick);
-    };
-    requestAnimationFrame(tick);
+      return true;
+    });
   }
 
   send(kind, { value, ...values } = {}) {
-    this[kind](value ?? values);
+    const name = kind === "pause" ? "paused" : kind;
+    if (name in this.look) this.look[name] = value;
+    else this[kind](value ?? values);
+    if (kind === "gravity" || kind === "stiffness") this.condition();
     if (!["grab", "move", "release"].includes(kind)) this.handlers.status(this.status());
   }
 
@@ -161,33 +152,13 @@ export class Local {
     });
   }
 
-  gravity(value) {
-    this.condition({ gravity: value });
-  }
-
-  stiffness(value) {
-    this.condition({ stiffness: value });
-  }
-
-  condition(changed = {}) {
-    Object.assign(this.look, changed);
+  /** Gravity and stiffness act from the next step on. */
+  condition() {
     for (const stepper of this.shown) {
       stepper.potential.stiffer = this.look.stiffness;
       stepper.potential.setGravity(this.look.gravity);
       stepper.renew();
     }
-  }
-
-  speed(value) {
-    this.look.speed = value;
-  }
-
-  pause(value) {
-    this.look.paused = value;
-  }
-
-  colour(value) {
-    this.look.colour = value;
   }
 
   step() {

@@ -10,14 +10,10 @@ export function spaceOf(arrays, name) {
     r: sizes[0],
     k: sizes[sizes.length - 1],
     decoder: new Decoder(sizes, part("weights"), part("biases"), part("rest"), part("skip"), part("activation")[0]),
+    ...Object.fromEntries(["material", "mu", "lam", "mass", "load"].map((key) => [key, part(key)])),
     strainMaps: part("strain_maps"), // (c, 9, k)
     weights: part("cubature_weights"),
-    material: part("material"),
-    mu: part("mu"),
-    lam: part("lam"),
-    mass: part("mass"),
     unitLoads: part("unit_loads"),
-    load: part("load"),
     points: part("cubature_weights").length,
   };
 }

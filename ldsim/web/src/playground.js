@@ -1,6 +1,6 @@
 // The playground: draws what a server or the page itself steps, and tells it what the hand and the controls do.
 
-import { byId, digits, onThemeChange } from "./dom.js";
+import { byId, digits, everyPicture, onThemeChange } from "./dom.js";
 import { Hand } from "./hand.js";
 import { Link } from "./link.js";
 import { Local } from "./local.js";
@@ -14,15 +14,6 @@ const PREFIXES = { "-1": "m", 0: "", 1: "k", 2: "M" };
 function short(value) {
   const power = value > 0 ? Math.max(-1, Math.min(2, Math.floor(Math.log10(value) / 3))) : 0;
   return `${digits(value / 1000 ** power)} ${PREFIXES[power]}`;
-}
-
-/** The palette's light or dark colours, whatever the browser prefers. */
-function setTheme(name) {
-  document.documentElement.dataset.theme = name;
-  for (const rule of [...document.styleSheets].flatMap((sheet) => [...sheet.cssRules])) {
-    rule.ofDark ??= rule.media?.mediaText === "(prefers-color-scheme: dark)";
-    if (rule.ofDark) rule.media.mediaText = name === "dark" ? "all" : "not all";
-  }
 }
 
 class Page {
@@ -39,9 +30,9 @@ class Page {
       wireframe: (on) => this.stage.shapes.forEach(({ body }) => (body.wire = on)),
     });
     this.hand = new Hand(this.stage, send, solid.mode);
-    const prefersDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
-    this.setTheme(prefersDark() ? "dark" : "light");
-    onThemeChange(() => this.setTheme(prefersDark() ? "dark" : "light"));
+    const follow = () => this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    follow();
+    onThemeChange(follow);
     source.connect({
       frame: (frame) => (this.frame = frame),
       colours: (colours) => this.showColours(colours),
@@ -50,12 +41,17 @@ class Page {
       lost: () => this.setLost(true),
       found: () => this.setLost(false),
     });
-    requestAnimationFrame(() => this.draw());
+    everyPicture(() => this.draw());
     setInterval(() => this.statistics(), 500);
   }
 
+  /** The palette's light or dark colours, whatever the browser prefers. */
   setTheme(name) {
-    setTheme(name);
+    document.documentElement.dataset.theme = name;
+    for (const rule of [...document.styleSheets].flatMap((sheet) => [...sheet.cssRules])) {
+      rule.ofDark ??= rule.media?.mediaText === "(prefers-color-scheme: dark)";
+      if (rule.ofDark) rule.media.mediaText = name === "dark" ? "all" : "not all";
+    }
     this.stage.readColours();
   }
 
@@ -109,12 +105,12 @@ class Page {
   }
 
   draw() {
-    requestAnimationFrame(() => this.draw());
     this.apply();
     this.stage.draw();
     this.drawn += 1;
     this.times.push(performance.now());
     if (this.times.length > 40) this.times.shift();
+    return true;
   }
 
   statistics() {
@@ -125,19 +121,15 @@ class Page {
 
   /** For tests: what is drawn, where, and how. */
   get probe() {
-    const { stage, frame, solid, source, drawn } = this, { camera, shapes, gpu, view } = stage;
-    const [left, top] = [stage.canvas.getBoundingClientRect()].flatMap((box) => [box.left, box.top]);
-    const place = (i, point) => camera.toScreen(point, shapes[i].offset).map((x, axis) => x + [left, top][axis]);
+    const { stage, frame, solid, source, drawn } = this, { camera, shapes, gpu } = stage;
+    const place = (i, point) => camera.toScreen(point, shapes[i].offset); // the canvas fills the window
     return {
+      ...{ drawn, gpu, place, source, camera, stage, frame: frame?.number, bytes: frame?.bytes, grabs: frame?.grabs.length },
       ready: shapes.length > 0 && this.applied !== undefined,
-      frame: frame?.number,
-      bytes: frame?.bytes,
-      grabs: frame?.grabs.length,
       q: (i) => Array.from(shapes[i].q),
       positions: (i) => Array.from(shapes[i].current()),
       decoded: (i) => Array.from(shapes[i].body.decoder.read(solid.rest.length / 3)),
       screen: (i, vertex) => place(i, shapes[i].current().subarray(3 * vertex, 3 * vertex + 3)),
-      ...{ drawn, gpu, place, source, camera, stage, software: view.software },
     };
   }
 }

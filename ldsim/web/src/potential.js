@@ -1,26 +1,21 @@
-// The incremental potential of a reduced space and its tangent, ported from ldsim/dynamics/reduced_potential.py:
+// The incremental potential of a reduced space and its tangent, ported from ldsim/dynamics/reduced/potential.py:
 //   E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
-import { energyStress, tangent } from "./materials.js";
+import { material as materialOf } from "./generated/materials.js";
 import { inner } from "./vector.js";
+
+const UPPER = [1, 2, 5], LOWER = [3, 6, 7]; // where the pairs 01, 02, 12 stand in a matrix, and their transposes
+const A = new Float64Array(9);
 
 export class Potential {
   /** h: time step, s. `load` (k) and `stiffer`, a factor on all moduli, may be changed between steps. */
   constructor(space, h) {
     const { r, k, points } = space;
-    this.space = space;
-    this.h = h;
-    this.stiffer = 1;
-    this.load = new Float64Array(k);
-    this.springs = []; // { B: 3 × (k), centre, target, stiffness }
-    this.predictor = new Float64Array(k);
-    this.q = new Float64Array(k);
-    this.offset = new Float64Array(k);
-    this.force = new Float64Array(k);
+    Object.assign(this, { space, h, stiffer: 1, springs: [] }); // of springs: { B: 3 × (k), centre, target, stiffness }
+    for (const name of ["load", "predictor", "q", "offset", "force"]) this[name] = new Float64Array(k);
     this.F = new Float64Array(9 * points);
     this.jacobian = new Float64Array(r * k);
-    this.directions = Array.from({ length: r }, () => new Float64Array(9 * points));
-    this.stressed = Array.from({ length: r }, () => new Float64Array(9 * points));
+    [this.directions, this.stressed] = [0, 1].map(() => Array.from({ length: r }, () => new Float64Array(9 * points)));
     // one row of all points for each of the k columns, so that loops run along memory
     this.G = Array.from({ length: k }, (_, j) => Float64Array.from({ length: 9 * points }, (_, i) => space.strainMaps[i * k + j]));
     this.inertia = Array.from({ length: k }, (_, i) => space.mass.slice(i * k, (i + 1) * k).map((m) => m / (h * h)));
@@ -52,24 +47,19 @@ export class Potential {
 
   /** F = I + G q. */
   deformation(q) {
-    const F = this.F;
-    this.strains(q, F);
-    for (let i = 0; i < F.length; i += 9) {
-      F[i] += 1;
-      F[i + 4] += 1;
-      F[i + 8] += 1;
-    }
+    this.strains(q, this.F);
+    for (let i = 0; i < this.F.length; i += 9) for (let e = 0; e < 9; e += 4) this.F[i + e] += 1;
   }
 
   /** Elastic energy of all points; overwrites F with w P. */
   stresses() {
     const { weights, material, mu, lam, points } = this.space;
-    const F = this.F, A = Potential.A, P = Potential.P;
+    const F = this.F;
     let total = 0;
     for (let s = 0; s < points; s++) {
       const i = 9 * s, w = weights[s] * this.stiffer;
       for (let e = 0; e < 9; e++) A[e] = F[i + e];
-      const density = energyStress(material[s], A, mu[s], lam[s], P);
+      const [density, P] = materialOf(material[s]).energyStress(A, mu[s], lam[s]);
       if (!(density < Infinity)) return Infinity;
       total += w * density;
       for (let e = 0; e < 9; e++) F[i + e] = w * P[e];
@@ -108,7 +98,7 @@ export class Potential {
     const J = this.jacobian, X = this.directions, T = this.stressed;
     decoder.jacobian(J, r, k);
     const rows = Array.from({ length: r }, (_, a) => J.subarray(a * k, (a + 1) * k));
-    const product = new Float64Array(k), pulled = new Float64Array(r);
+    const product = new Float64Array(k);
     for (let a = 0; a < r; a++) {
       if (decoder.identity) X[a].set(this.G[a]);
       else this.strains(rows[a], X[a]);
@@ -123,7 +113,7 @@ export class Potential {
     }
     for (const { B, stiffness } of this.springs) {
       for (const row of B) {
-        for (let a = 0; a < r; a++) pulled[a] = inner(row, rows[a]);
+        const pulled = rows.map((tangent) => inner(row, tangent));
         for (let a = 0; a < r; a++) for (let b = 0; b < r; b++) hessian[a * r + b] += stiffness * pulled[a] * pulled[b];
       }
     }
@@ -132,9 +122,9 @@ export class Potential {
   /** Turns point s of every X_a into the singular frame and writes T_a, w times the tangent applied to it. */
   stressDirections(s) {
     const { weights, material, mu, lam } = this.space;
-    const { A, U, V, D, O } = Potential, i = 9 * s;
+    const i = 9 * s;
     for (let e = 0; e < 9; e++) A[e] = this.F[i + e];
-    tangent(material[s], A, mu[s], lam[s], U, V, D, O);
+    const [U, V, D, O] = materialOf(material[s]).tangent(A, mu[s], lam[s], true);
     const w = weights[s] * this.stiffer;
     for (let a = 0; a < this.directions.length; a++) {
       const x = this.directions[a], t = this.stressed[a];
@@ -148,18 +138,11 @@ export class Potential {
       t[i] = w * (D[0] * x[i] + D[3] * x[i + 4] + D[4] * x[i + 8]);
       t[i + 4] = w * (D[3] * x[i] + D[1] * x[i + 4] + D[5] * x[i + 8]);
       t[i + 8] = w * (D[4] * x[i] + D[5] * x[i + 4] + D[2] * x[i + 8]);
-      t[i + 1] = w * (O[0] * x[i + 1] + O[3] * x[i + 3]);
-      t[i + 3] = w * (O[0] * x[i + 3] + O[3] * x[i + 1]);
-      t[i + 2] = w * (O[1] * x[i + 2] + O[4] * x[i + 6]);
-      t[i + 6] = w * (O[1] * x[i + 6] + O[4] * x[i + 2]);
-      t[i + 5] = w * (O[2] * x[i + 5] + O[5] * x[i + 7]);
-      t[i + 7] = w * (O[2] * x[i + 7] + O[5] * x[i + 5]);
+      for (let pair = 0; pair < 3; pair++) {
+        const one = i + UPPER[pair], other = i + LOWER[pair];
+        t[one] = w * (O[pair] * x[one] + O[3 + pair] * x[other]);
+        t[other] = w * (O[pair] * x[other] + O[3 + pair] * x[one]);
+      }
     }
   }
 }
-Potential.A = new Float64Array(9);
-Potential.P = new Float64Array(9);
-Potential.U = new Float64Array(9);
-Potential.V = new Float64Array(9);
-Potential.D = new Float64Array(6);
-Potential.O = new Float64Array(6);

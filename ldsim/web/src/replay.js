@@ -3,7 +3,7 @@
 
 import { unpacked } from "./arrays.js";
 import { Camera, Fingers } from "./camera.js";
-import { digits, gradient, make, onThemeChange, pull, scale } from "./dom.js";
+import { digits, everyPicture, gradient, make, onThemeChange, pull, scale, shade } from "./dom.js";
 import { Surface } from "./surface.js";
 import { Body, View } from "./view.js";
 import { at } from "./vector.js";
@@ -20,7 +20,8 @@ export class Replay {
     this.part("bar").style.background = gradient();
     this.motions = data.motions;
     this.surface = new Surface(unpacked(data.rest), unpacked(data.triangles));
-    this.setModes(unpacked(data.modes), data.scales);
+    this.columns = data.scales.length;
+    this.basis = Float32Array.from(unpacked(data.modes), (mode, i) => mode * data.scales[i % this.columns]); // (3v, K)
     this.canvas = this.part("canvas");
     this.camera = new Camera(this.canvas, data.up, data.azimuth, data.elevation);
     this.camera.frame(low.map((x, i) => (x + high[i]) / 2), 0.66 * Math.hypot(...high.map((x, i) => x - low[i])));
@@ -38,37 +39,21 @@ export class Replay {
     this.choose(0);
   }
 
-  /** modes (K, 3v) as integers and their scales: the basis, row by row. */
-  setModes(modes, scales) {
-    const columns = scales.length, rows = modes.length / columns;
-    this.basis = new Float32Array(modes.length);
-    for (let i = 0; i < rows; i++) {
-      for (let j = 0; j < columns; j++) this.basis[i * columns + j] = scales[j] * modes[j * rows + i];
-    }
-    this.columns = columns;
-  }
-
   // The clock
-
-  get seconds() {
-    return (this.frame + 1) * this.motion.seconds;
-  }
 
   play(playing) {
     this.playing = playing;
     this.part("play").textContent = playing ? "Pause" : "Play";
     if (!playing) return;
-    let last = null, owed = 0;
-    const tick = (now) => {
-      if (!this.playing) return;
-      owed += (Math.min(now - (last ?? now), 250) / 1000) * Number(this.part("speed").value);
-      last = now;
+    let owed = 0;
+    everyPicture((elapsed) => {
+      if (!this.playing) return false;
+      owed += elapsed * Number(this.part("speed").value);
       const steps = Math.floor(owed / this.motion.seconds);
       owed -= steps * this.motion.seconds;
       if (steps) this.show((this.frame + steps) % this.motion.frames);
-      requestAnimationFrame(tick);
-    };
-    requestAnimationFrame(tick);
+      return true;
+    });
   }
 
   // What is seen
@@ -98,8 +83,9 @@ export class Replay {
   show(frame) {
     this.frame = frame;
     this.part("scrub").value = frame;
-    this.part("scrub").setAttribute("aria-valuetext", `${this.seconds.toFixed(2)} seconds`);
-    this.part("time").textContent = `${this.seconds.toFixed(2)} s`;
+    const seconds = ((frame + 1) * this.motion.seconds).toFixed(2);
+    this.part("scrub").setAttribute("aria-valuetext", `${seconds} seconds`);
+    this.part("time").textContent = `${seconds} s`;
     this.draw();
   }
 
@@ -142,8 +128,7 @@ export class Replay {
   }
 
   readColours() {
-    const shade = getComputedStyle(this.figure).getPropertyValue("--shadow").trim().split(/\s+/).map(Number);
-    this.colours = { stops: scale(), shade, grid: [0, 0, 0, 0] };
+    this.colours = { stops: scale(), shade: shade(this.figure), grid: [0, 0, 0, 0] };
   }
 
   // Controls

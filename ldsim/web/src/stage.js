@@ -2,7 +2,7 @@
 
 import { Camera, Fingers } from "./camera.js";
 import { GpuDecoder } from "./decode.js";
-import { byId, colour, pull, scale } from "./dom.js";
+import { byId, colour, pull, scale, shade } from "./dom.js";
 import { Surface, displaced } from "./surface.js";
 import { along, box, dot } from "./vector.js";
 import { Body, View } from "./view.js";
@@ -91,8 +91,6 @@ export class Stage {
     this.gpu = decode === "gpu" || (decode !== "cpu" && !this.view.software && canDecode);
     this.fingers = new Fingers(this.camera, true);
     this.measure();
-    new ResizeObserver(() => this.resize()).observe(canvas);
-    this.resize();
   }
 
   /** The box of the solid in the world, the floor below it, and how far apart two of it stand. */
@@ -119,7 +117,7 @@ export class Stage {
 
   /** The spaces of these blocks, side by side. */
   setSpaces(spaces) {
-    for (const { body } of this.shapes) body.dispose();
+    for (const { body } of this.shapes) this.view.gl.deleteVertexArray(body.array);
     const middle = (spaces.length - 1) / 2;
     this.shapes = spaces.map((space, i) => new Shape(this, space, this.right.map((x) => (i - middle) * this.aside * x)));
     this.camera.frame(this.centre, 1.1 * this.diagonal, middle * this.aside);
@@ -127,17 +125,13 @@ export class Stage {
 
   /** The palette's colours as they are now. */
   readColours() {
-    const shade = getComputedStyle(document.documentElement).getPropertyValue("--shadow").trim().split(/\s+/).map(Number);
-    this.colours = { stops: scale(), shade, grid: [...colour("soft"), 0.35] };
+    this.colours = { stops: scale(), shade: shade(), grid: [...colour("soft"), 0.35] };
     for (const { body, space } of this.shapes) body.colour = colour(space.space);
-  }
-
-  resize() {
-    this.camera.covered = this.canvas.clientWidth > WIDE ? COVERED : 0;
   }
 
   draw() {
     const { view, camera } = this;
+    camera.covered = this.canvas.clientWidth > WIDE ? COVERED : 0;
     view.clear();
     view.draw(this.shapes.map(({ body }) => body), this.colours);
     const lines = this.grabs.flatMap(({ target, centroids }) => this.shapes.flatMap(({ offset }, i) => {

@@ -1,5 +1,5 @@
-// The reduced step: L-BFGS around the tangent of an earlier state, ported from ldsim/dynamics/reduced.py and
-// ldsim/solvers/lbfgs.py, with the stop rule ‖∇E‖ ≤ tolerance · max(‖z‖, 1).
+// The reduced step: L-BFGS around the tangent of an earlier state, ported from ldsim/dynamics/reduced/ and
+// ldsim/optimise/, with the stop rule ‖∇E‖ ≤ tolerance · max(‖z‖, 1).
 
 import { Potential } from "./potential.js";
 import { inner } from "./vector.js";
@@ -55,13 +55,8 @@ function nextStep(f0, slope0, step, f, slope) {
 
 /** The pairs (s, y) of the last steps, newest last. */
 class Memory {
-  constructor() {
-    this.pairs = [];
-  }
-
-  clear() {
-    this.pairs.length = 0;
-  }
+  pairs = [];
+  clear = () => (this.pairs.length = 0);
 
   add(zNew, z, gNew, g) {
     const s = zNew.map((x, i) => x - z[i]), y = gNew.map((x, i) => x - g[i]);
@@ -92,16 +87,11 @@ class Memory {
 export class Stepper {
   constructor(space, h, tolerance = 1e-8, maxIterations = 200) {
     const { r, k } = space;
-    this.space = space;
-    this.tolerance = tolerance;
-    this.maxIterations = maxIterations;
-    this.potential = new Potential(space, h);
-    this.factor = new Float64Array(r * r);
-    for (let i = 0; i < r; i++) this.factor[i * r + i] = 1;
+    Object.assign(this, { space, tolerance, maxIterations, potential: new Potential(space, h), memory: new Memory() });
+    for (const name of ["z", "zPrevious", "zNew", "g", "gNew", "d"]) this[name] = new Float64Array(r);
+    for (const name of ["q", "qPrevious"]) this[name] = new Float64Array(k);
     this.hessian = new Float64Array(r * r);
-    this.memory = new Memory();
-    [this.z, this.zPrevious, this.zNew, this.g, this.gNew, this.d] = Array.from({ length: 6 }, () => new Float64Array(r));
-    [this.q, this.qPrevious] = Array.from({ length: 2 }, () => new Float64Array(k));
+    this.factor = Float64Array.from(this.hessian, (_, i) => (i % (r + 1) === 0 ? 1 : 0));
     this.reset();
   }
 

@@ -67,10 +67,6 @@ export class Body {
     program.use({ ...values, offset });
     gl.drawArrays(gl.POINTS, 0, points.length / 3);
   }
-
-  dispose() {
-    this.gl.deleteVertexArray(this.array);
-  }
 }
 
 export class View {
