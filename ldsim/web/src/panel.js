@@ -4,7 +4,7 @@ import { byId, fixed, gradient, make } from "./dom.js";
 
 const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
-const KEYS = { " ": "pause", ".": "step", r: "reset" };
+const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset" };
 const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
 
 export class Panel {
