@@ -68,7 +68,7 @@ class Autoencoder(torch.nn.Module):
 
     def jacobian(self, z: torch.Tensor) -> torch.Tensor:
         """∂φ/∂z of each row of z, (b, k, r)."""
-        # Rows do not depend on each other, so that one pass for each of the k sums over them serves them all.
+        # Samples do not depend on each other, so k backward passes, one for each sum over a column, serve them all.
         summed = torch.autograd.functional.jacobian(  # type: ignore[no-untyped-call]
             lambda codes: self.decode(codes).sum(dim=0), z
         )
@@ -94,7 +94,7 @@ def layers(perceptron: torch.nn.Module) -> tuple[list[Array], list[Array]]:
 def extract(model: Autoencoder, scale: float, q: Array, codes: int) -> tuple[Decoder, Encoder]:
     """The networks of the leading codes in float64, scales folded in.
 
-    The latent space is turned and scaled so that JᵀJ averages to the identity over the coordinates q, (N, k). Lengths
+    The latent space is rotated and scaled so that JᵀJ averages to the identity over the coordinates q, (N, k). Lengths
     and forces in z then mean what they mean in q, and one stop rule serves both spaces.
     """
     down, down_bias = layers(model.encoder)
