@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Never
+from typing import Any, Literal, Never, TypeVar, get_args, get_origin
 
 import click
 from tqdm import tqdm
 
 from ldsim import __version__
 from ldsim.artefacts.store import Header
+from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
@@ -82,6 +83,30 @@ class Call:
     def say(self, written: Path, summary: str) -> None:
         """Say what was written."""
         click.echo(f"{written}: {summary} ({time.perf_counter() - self.started:.1f} s)")
+
+
+AnyFunction = TypeVar("AnyFunction", bound=Callable[..., None])
+
+
+def flags_of(kind: type[Options]) -> Callable[[AnyFunction], AnyFunction]:
+    """A command's options by the declaration of a class of options, which checks their ranges."""
+
+    def wrap(function: AnyFunction) -> AnyFunction:
+        for name, entry in reversed(kind.model_fields.items()):
+            flag, kinds, said = f"--{name.replace('_', '-')}", _type(entry.annotation), entry.description
+            function = click.option(flag, type=kinds, default=entry.default, show_default=True, help=said)(function)
+        return function
+
+    return wrap
+
+
+def _type(annotation: object) -> click.ParamType[Any]:
+    """What click makes of a type; for one that may be left out, of the other."""
+    if get_origin(annotation) is Literal:
+        return click.Choice(get_args(annotation))
+    simple: dict[object, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT, Path: click.Path(path_type=Path)}
+    inner = [annotation, *get_args(annotation), *(each for some in get_args(annotation) for each in get_args(some))]
+    return next(simple[each] for each in inner if each in simple)
 
 
 @contextmanager

@@ -1,19 +1,28 @@
-"""The configuration that a mesh or surface file starts with, where it comes without one."""
+"""What `ldsim record` starts with: a configuration, or a mesh or surface file that comes without one."""
 
 from __future__ import annotations
 
 import os
 import re
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.atomic import replacing, writing
+from ldsim.errors import SettingsError
 from ldsim.mechanics.loads import usual_grip
+from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
-from ldsim.settings.experiment import Settings, settings_of
+from ldsim.options import Field, Options, Positive
+from ldsim.pipeline.mesh import described_scene
+from ldsim.pipeline.options import MeshOptions
+from ldsim.pipeline.progress import SILENT, Progress
+from ldsim.settings.experiment import Settings, load_settings, settings_of
+from ldsim.viewer.recorder import Recorder
 
+CONFIGURATIONS = (".yaml", ".yml")
 SURFACES = (".stl", ".obj", ".ply", ".off")
 # Of the extent of the file along the axis that it is pinned on.
 PINNED_SHARE = 0.05
@@ -24,14 +33,64 @@ COARSE_CELLS, FINE_CELLS = 2000, 10_000
 REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.0005, 0.004
 
 
-def is_surface(source: Path) -> bool:
-    """Whether a file holds a surface, by its suffix."""
-    return source.suffix.lower() in SURFACES
+class RecordOptions(Options):
+    """On what a motion is recorded by hand, and where to."""
+
+    output: Annotated[Path, Field(description="The recording.")] = Path("motion.csv")
+    mesh: Annotated[Path | None, Field(description="A coarser mesh of the configuration's solid.")] = None
+    resolution: Annotated[
+        int | None, Field(ge=1, le=64, description="Of the configuration's shape, where it has one.")
+    ] = None
+    cells: Annotated[int | None, Field(ge=10, description="Tets that a surface is filled with, about.")] = None
+    play: Annotated[Path | None, Field(description="A recording to play back.")] = None
+    stiffness: Annotated[Positive | None, Field(description="Of a grab, N/m.")] = None
+    radius: Annotated[Positive | None, Field(description="Of a grab, m.")] = None
+    config: Annotated[Path | None, Field(description="For a MESH file: write a configuration of all stages.")] = None
+    scale: Annotated[Positive, Field(description="Of a MESH file: metres a unit.")] = 1.0
+    youngs_modulus: Annotated[Positive, Field(description="Of a MESH file, Pa.")] = 1e5
+    pin: Annotated[
+        Literal["x", "y", "z"],
+        Field(description="A MESH file is pinned at its low end; with z gravity is along z too, else along y."),
+    ] = "y"
 
 
-def starting_settings(
-    source: Path, config: Path, scale: float, youngs_modulus: float, axis: str, recording: Path
-) -> Settings:
+def recording_scene(source: Path, options: RecordOptions, progress: Progress = SILENT) -> tuple[Scene, Recorder]:
+    """The scene of a configuration, or of a mesh or surface file, coarse enough for the hand, and what records on it.
+
+    Where `options.config` is given, the configuration of all stages is written there.
+
+    Raises:
+        LdsimError: the file cannot be read or does not fit the options, or the configuration is there already.
+    """
+    described = source.suffix.lower() in CONFIGURATIONS
+    _check_config(source, described, options.config)
+    place = source if described else options.config or source.with_suffix(".yaml")
+    settings = load_settings(source) if described else starting_settings(source, place, options)
+    if not described and source.suffix.lower() in SURFACES and options.cells is None:
+        options = options.replace(cells=COARSE_CELLS)
+    scene, _ = described_scene(_coarser(settings.mesh, place, options), progress, place.parent)
+    if options.config is not None:
+        write_configuration(place, settings, scene)
+        progress.tell(f"{place}: record {options.output}, then run its stages (ldsim mesh {place}, …)")
+    stiffness, radius = usual_grip(scene)
+    notes: dict[str, str | float] = {"recorded_on": source.name, "time_step_s": scene.time_step}
+    motion = None if options.play is None else read_recording(options.play, options.play.stem)
+    grip = (options.stiffness or stiffness, options.radius or radius)
+    return scene, Recorder(options.output, *grip, notes, motion)
+
+
+def _check_config(source: Path, described: bool, config: Path | None) -> None:
+    if config is None:
+        return
+    if described:
+        raise SettingsError(f"--config is for a mesh or surface file; {source} is a configuration already")
+    if config.exists():
+        raise SettingsError(f"{config} exists already; give --config another name, or record on {config} itself")
+    with writing(config):
+        config.parent.mkdir(parents=True, exist_ok=True)
+
+
+def starting_settings(source: Path, config: Path, options: RecordOptions) -> Settings:
     """A solid of the usual material, pinned at the low end of an axis, that learns from one recording.
 
     Args:
@@ -40,27 +99,40 @@ def starting_settings(
     Raises:
         MeshError: the file cannot be read.
     """
-    surface = is_surface(source)
+    surface, scale, axis = source.suffix.lower() in SURFACES, options.scale, options.pin
     vertices = (read_surface(source, scale) if surface else read_mesh(source, scale).mesh).vertices
     thickness = PINNED_SHARE * float(np.ptp(vertices[:, "xyz".index(axis)]))
     file = os.path.relpath(source, config.parent)
+    recording = os.path.relpath(options.output, config.parent)
     content = {
         "experiment": re.sub(r"[^A-Za-z0-9_.-]+", "-", source.stem),
         "mesh": {
             **({"surface": {"file": file, "cells": FINE_CELLS}} if surface else {"file": file}),
             "scale": scale,
-            "material": {"youngs_modulus": youngs_modulus},
+            "material": {"youngs_modulus": options.youngs_modulus},
             "pins": [{"slab": {"axis": axis, "at": "min", "thickness": float(f"{thickness:.3g}")}}],
             **({"gravity": [0.0, 0.0, -9.8]} if axis == "z" else {}),  # it stands on its low end
         },
-        "snapshot": {
-            "motions": [
-                {"name": "by_hand", "role": "train", "recording": os.path.relpath(recording, config.parent)},
-            ]
-        },
+        "snapshot": {"motions": [{"name": "by_hand", "role": "train", "recording": recording}]},
         "cubature": {"poses": 200, "heldout_poses": 50},
     }
     return settings_of(content, str(source))
+
+
+def _coarser(section: MeshOptions, config: Path, options: RecordOptions) -> MeshOptions:
+    """The section `mesh` on a coarser mesh, where one is given."""
+    changes: dict[str, Any] = {}
+    if options.mesh is not None:
+        changes = {"file": str(options.mesh.absolute()), "shape": None, "surface": None}
+    elif options.resolution is not None:
+        if section.shape is None:
+            raise SettingsError(f"--resolution needs mesh.shape in {config}; for a mesh file give a coarser --mesh")
+        changes = {"shape": section.shape.replace(resolution=options.resolution)}
+    elif options.cells is not None:
+        if section.surface is None:
+            raise SettingsError(f"--cells needs mesh.surface in {config}; for a mesh file give a coarser --mesh")
+        changes = {"surface": section.surface.replace(cells=options.cells, edge_length=None)}
+    return section.replace(**changes, refine=0) if changes else section
 
 
 def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from ldsim.cli.app import main
 from ldsim.pipeline.files import resolve_path
 from ldsim.settings import load_settings
-from ldsim.settings.starting import starting_settings
+from ldsim.settings.starting import RecordOptions, starting_settings
 from tests.cli.experiments import TINY, refused
 from tests.report.small_run import write_run
 from tests.simulator.playable import write_playable
@@ -113,6 +113,7 @@ def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
         (["record", str(tmp_path / "no.mesh")], "no.mesh"),
         (["record", str(given), "--play", str(tmp_path / "no.csv")], "no.csv cannot be read"),
         (["record", str(given), "--mesh", str(tmp_path / "no.mesh")], "no.mesh"),
+        (["record", str(given), "--resolution", "0"], "resolution: input should be greater than or equal to 1, got 0"),
         (["record", str(given), "--resolution", "24"], "up to 3000 can be recorded on by hand"),
         (["record", str(given), "--output", str(tmp_path / "no" / "m.csv")], "cannot be written"),
     ):
@@ -150,7 +151,8 @@ def test_a_solid_that_is_pinned_at_its_low_z_stands_on_it(
 ) -> None:
     source = tmp_path / "one.mesh"
     source.write_text(ONE, encoding="utf-8")
-    settings = starting_settings(source, tmp_path / "one.yaml", 0.1, 1e5, axis, tmp_path / "m.csv")
+    options = RecordOptions(scale=0.1, pin=axis, output=tmp_path / "m.csv")
+    settings = starting_settings(source, tmp_path / "one.yaml", options)
     assert settings.mesh.gravity == gravity
 
 
