@@ -7,7 +7,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,7 @@ from ldsim.report.compare_figures import comparison_figures
 from ldsim.report.page import render
 from ldsim.report.paper import paper_row
 from ldsim.report.schema import (
-    REDUCED,
     ROLES,
-    SPACES,
     MachineDescription,
     MotionRun,
     NoveltyNumbers,
@@ -30,6 +28,7 @@ from ldsim.report.schema import (
     check_report,
 )
 from ldsim.report.svg import drawn
+from ldsim.run import REDUCED, SPACES
 
 
 def compare(folders: Sequence[Path], output: Path) -> list[str]:
@@ -149,7 +148,7 @@ def record(run: Reported) -> dict[str, Any]:
             role: {method: _largest_mm(report, role, method) for method in ("autoencoder", "pca_kp")} for role in ROLES
         },
         "online": {role: {space: _worst(report.simulate[space], role) for space in REDUCED} for role in ROLES},
-        "paper": None if theirs is None else asdict(theirs),
+        "paper": None if theirs is None else theirs._asdict(),
     }
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from ldsim.report.figure import MARKERS, Axis, Figure, Series
-from ldsim.report.schema import REDUCED, ROLE_NAMES, ROLES, SPACES
+from ldsim.report.schema import ROLE_NAMES, ROLES
+from ldsim.run import REDUCED, SPACES
 
 Record = Mapping[str, Any]
 Point = tuple[float, float]

@@ -7,9 +7,9 @@ import numpy as np
 from ldsim.report.figure import MARKERS, Axis, Figure, Guide, Series, curve
 from ldsim.report.numbers import MS_PER_S, pooled_seconds, rank_correlation
 from ldsim.report.runs import dimensions, reduced_runs, runs
-from ldsim.report.schema import MM_PER_M, SPACES
+from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import plain_number
-from ldsim.run import Run
+from ldsim.run import SPACES, Run
 from ldsim.space.novelty import remembered
 
 VERTEX_DISTANCE = "mean vertex distance, mm"

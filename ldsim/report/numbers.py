@@ -18,7 +18,6 @@ from ldsim.report.machine import describe_machine
 from ldsim.report.runs import dimensions, runs
 from ldsim.report.schema import (
     MM_PER_M,
-    SPACES,
     Cubatures,
     Dimensions,
     ForceErrors,
@@ -38,7 +37,7 @@ from ldsim.report.schema import (
     VertexErrors,
     VirtualRule,
 )
-from ldsim.run import Run
+from ldsim.run import SPACES, Run
 from ldsim.space.novelty import remembered
 
 Array = NDArray[np.float64]

@@ -14,8 +14,9 @@ from markupsafe import Markup
 from ldsim.report.figure import Figure
 from ldsim.report.paper import PAPER_CITATION, PAPER_MACHINE, PAPER_TABLE_1, paper_row
 from ldsim.report.replay import Replay
-from ldsim.report.schema import REDUCED, ROLE_NAMES, ROLES, SPACES, RunNumbers
+from ldsim.report.schema import ROLE_NAMES, ROLES, RunNumbers
 from ldsim.report.wording import readable
+from ldsim.run import REDUCED, SPACES
 from ldsim.web import bundle, inlined, page
 
 MISSING = Markup('<span class="null" title="not measured">–</span>')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 PAPER_CITATION = (
     "Fulton, Modi, Duvenaud, Levin, Jacobson: Latent-space Dynamics for Reduced Deformable Simulation, "
@@ -11,33 +11,21 @@ PAPER_CITATION = (
 PAPER_MACHINE = "2 × Xeon E5-2637 v3, 8 cores; training on a GTX 970"
 
 
-@dataclass(frozen=True)
-class PaperRow:
-    """One row of Table 1.
-
-    Attributes:
-        experiment: the name of ldsim's experiment for the same object.
-        tets: number of tetrahedra.
-        autoencoder_s, pca_s, cubature_s: precomputation, seconds.
-        points: cubature points.
-        kp: PCA dimension of the linear competitor.
-        r, k: latent dimension and outer PCA dimension of the autoencoder.
-        linear_ms, latent_ms: time of one step, milliseconds.
-        note: what differs from the print, and why; empty when nothing does.
-    """
+class PaperRow(NamedTuple):
+    """One row of Table 1: the experiment of ldsim for the same object, and what the paper has of it."""
 
     experiment: str
     tets: int
     autoencoder_s: float
     pca_s: float
     cubature_s: float
-    points: int
-    kp: int
+    points: int  # of cubature
+    kp: int  # PCA dimension of the linear competitor
     r: int
     k: int
-    linear_ms: float
+    linear_ms: float  # time of one step
     latent_ms: float
-    note: str = ""
+    note: str = ""  # what differs from the print, and why
 
     @property
     def speedup(self) -> float:

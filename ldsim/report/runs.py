@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.report.schema import REDUCED
-from ldsim.run import Run
+from ldsim.run import REDUCED, Run
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -12,11 +12,10 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-SpaceName = Literal["full", "linear", "latent"]
+from ldsim.run import SPACES
+
 Role = Literal["train", "heldout"]
 STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
-SPACES: tuple[str, ...] = get_args(SpaceName)
-REDUCED = SPACES[1:]
 ROLES: tuple[str, ...] = get_args(Role)
 ROLE_NAMES = {"train": "training", "heldout": "held-out"}
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from ldsim.optimise.solution import Reason
 from ldsim.report.runs import runs
-from ldsim.report.schema import MM_PER_M, REDUCED, SPACES, RunNumbers
+from ldsim.report.schema import MM_PER_M, RunNumbers
 from ldsim.report.wording import readable
-from ldsim.run import Run
+from ldsim.run import REDUCED, SPACES, Run
 
 LARGE_ONLINE_ERROR = 0.1
 HELDOUT_GAP = 3.0

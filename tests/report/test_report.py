@@ -19,8 +19,8 @@ from ldsim.report import report as report_module
 from ldsim.report.numbers import collect
 from ldsim.report.pictures import mean_displacement, moments, peaks
 from ldsim.report.report import Report, Wanted, build_report, write_report
-from ldsim.report.schema import SPACES, STAGES, check_report
-from ldsim.run import Run
+from ldsim.report.schema import STAGES, check_report
+from ldsim.run import SPACES, Run
 from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
 
 COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
