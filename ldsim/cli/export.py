@@ -22,7 +22,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--playground", is_flag=True, help="The same as --format playground.")
 @click.option("--motion", metavar="NAME", help="Which motion; left out, the run's first.")
 @click.option("--space", default="latent", show_default=True, metavar="|".join(SPACES), help="Which space's run of it.")
-@click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Every N-th frame alone.")
+@click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Write only every N-th frame.")
 @click.option("--output", type=click.Path(path_type=Path), help="File or new folder; left out, RUN/export/….")
 def command(
     run: Path, name: str | None, playground: bool, motion: str | None, space: str, every: int, output: Path | None
