@@ -1,4 +1,4 @@
-"""Which step along a direction is taken, and which is tried next: one rule for the full, reduced and batched minimisers.
+"""Which step along a direction is taken and which is tried next: one rule for full, reduced and batched minimisers.
 
 The batched one (dynamics/batched/newton.py) needs it on tensors, where a branch is a choice between two values for
 each instance; it has these numbers, and a test compares the two.
