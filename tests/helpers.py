@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ldsim.cubature.rule import CubatureRule
-from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mechanics.properties import Properties
+from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
@@ -70,6 +71,22 @@ def bent(mesh: Mesh, seed: int = 0, noise: float = 0.02) -> Array:
     angle = 0.8 * (x[:, 0] - x[:, 0].min()) / length
     curved = np.stack([1.1 * np.cos(angle) * x[:, 0], x[:, 1] + np.sin(angle) * x[:, 0], 0.95 * x[:, 2]], axis=1)
     return curved - x + noise * mesh.diagonal / 10 * np.random.default_rng(seed).normal(size=x.shape)
+
+
+def uniform_scene(
+    mesh: Mesh,
+    pinned: NDArray[np.bool_],
+    *,
+    material: str = "neo_hookean",
+    youngs_modulus: float = 1e5,
+    poisson_ratio: float = 0.47,
+    density: float = 1000.0,
+    gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
+    time_step: float = 0.005,
+) -> Scene:
+    """A scene of one material throughout; moduli in Pa, density in kg/m³, gravity in m/s², time step in s."""
+    properties = Properties.uniform(mesh.n_cells, material, youngs_modulus, poisson_ratio, density)
+    return make_scene(mesh, pinned, properties, gravity, time_step)
 
 
 def scene(

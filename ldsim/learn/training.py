@@ -41,7 +41,7 @@ FINAL_RATE = 1e-3
 LEAST_SPREAD = 1e-5
 
 
-class Checkpoint(Protocol):
+class TrainingCheckpoint(Protocol):
     """Where the state of an unfinished training is kept, as plain arrays."""
 
     def load(self) -> Arrays | None:
@@ -69,7 +69,11 @@ class Trained:
 
 
 def train(
-    examples: Examples, r: int, options: TrainOptions, watch: Watch | None = None, checkpoint: Checkpoint | None = None
+    examples: Examples,
+    r: int,
+    options: TrainOptions,
+    watch: Watch | None = None,
+    checkpoint: TrainingCheckpoint | None = None,
 ) -> Trained:
     """Train an autoencoder of latent dimension r; options.r and what else is of the search are not looked at.
 
@@ -86,7 +90,11 @@ def train(
 
 
 def train_ordered(
-    examples: Examples, r: int, options: TrainOptions, watch: Watch | None = None, checkpoint: Checkpoint | None = None
+    examples: Examples,
+    r: int,
+    options: TrainOptions,
+    watch: Watch | None = None,
+    checkpoint: TrainingCheckpoint | None = None,
 ) -> Callable[[int], Trained]:
     """Train r ordered codes: the result gives the autoencoder of so many leading ones.
 
@@ -176,7 +184,7 @@ class _Fit:
         decoder, encoder = extract(self.model, self.scale, self.examples.q, codes)
         return Trained(decoder, encoder, np.array(self.losses) * self.scale**2, self.best_epoch)
 
-    def run(self, watch: Watch | None, checkpoint: Checkpoint | None) -> None:
+    def run(self, watch: Watch | None, checkpoint: TrainingCheckpoint | None) -> None:
         """Train to the end, from the checkpoint on if there is one."""
         options = self.options
         saved = None if checkpoint is None else checkpoint.load()

@@ -132,22 +132,6 @@ def make_scene(
     return Scene(mesh, properties.kind, mu, lam, properties.density, pinned, g, time_step, load)
 
 
-def uniform_scene(
-    mesh: Mesh,
-    pinned: NDArray[np.bool_],
-    *,
-    material: str = "neo_hookean",
-    youngs_modulus: float = 1e5,
-    poisson_ratio: float = 0.47,
-    density: float = 1000.0,
-    gravity: tuple[float, float, float] = (0.0, -9.8, 0.0),
-    time_step: float = 0.005,
-) -> Scene:
-    """A scene of one material throughout; moduli in Pa, density in kg/m³, gravity in m/s², time step in s."""
-    properties = Properties.uniform(mesh.n_cells, material, youngs_modulus, poisson_ratio, density)
-    return make_scene(mesh, pinned, properties, gravity, time_step)
-
-
 def with_properties(scene: Scene, properties: Properties) -> Scene:
     """The same scene of another material; its density stays, and with it the mass."""
     mu, lam = lame_parameters(properties.youngs_modulus, properties.poisson_ratio)

@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 from ldsim.options import Field, Options, Positive, model_validator
 
+# Cubes across the thinnest side, from Python as from a configuration.
+RESOLUTION = 2
+
 
 class ShapeOptions(Options):
     """A solid made by a rule."""
@@ -14,7 +17,7 @@ class ShapeOptions(Options):
         str,
         Field(description="A procedural shape: beam, mounted_bar, cross, slender_cross, catapult, pendulum, dumbbell."),
     ]
-    resolution: Annotated[int, Field(ge=1, le=64, description="Cubes across the thinnest side.")] = 2
+    resolution: Annotated[int, Field(ge=1, le=64, description="Cubes across the thinnest side.")] = RESOLUTION
     cell_type: Annotated[Literal["tet4", "hex8"], Field(description="Linear tetrahedra or trilinear hexahedra.")] = (
         "tet4"
     )

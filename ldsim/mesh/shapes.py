@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldsim.errors import MeshError, SettingsError
 from ldsim.mesh.mesh import NODES_PER_CELL, Mesh
-from ldsim.mesh.options import ShapeOptions
+from ldsim.mesh.options import RESOLUTION, ShapeOptions
 
 # Corners of a unit cube in VTK's order, and the same corners by their number x + 2y + 4z.
 CUBE_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -67,7 +67,7 @@ def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str =
 
 
 def beam(
-    length: float = 0.4, width: float = 0.1, height: float = 0.1, resolution: int = 3, cell_type: str = "tet4"
+    length: float = 0.4, width: float = 0.1, height: float = 0.1, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
     """A straight beam, [0, length] × [−height/2, height/2] × [−width/2, width/2], metres.
 
@@ -87,7 +87,11 @@ def beam(
 
 
 def cross(
-    width: float = 0.22, height: float = 0.15, depth: float = 0.05, resolution: int = 3, cell_type: str = "tet4"
+    width: float = 0.22,
+    height: float = 0.15,
+    depth: float = 0.05,
+    resolution: int = RESOLUTION,
+    cell_type: str = "tet4",
 ) -> Mesh:
     """An X of two slanted bars that stands on two flat feet, centred at the origin, y up and thin in z, metres.
 
@@ -106,7 +110,11 @@ def cross(
 
 
 def slender_cross(
-    width: float = 0.3, height: float = 0.26, depth: float = 0.025, resolution: int = 2, cell_type: str = "tet4"
+    width: float = 0.3,
+    height: float = 0.26,
+    depth: float = 0.025,
+    resolution: int = RESOLUTION,
+    cell_type: str = "tet4",
 ) -> Mesh:
     """An X as `cross`, with arms six bars' widths long, so that they bend far without much strain.
 
@@ -120,7 +128,9 @@ def slender_cross(
     return _cross_with_arms(6, width, height, depth, resolution, cell_type)
 
 
-def mounted_bar(length: float = 0.4, thickness: float = 0.04, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+def mounted_bar(
+    length: float = 0.4, thickness: float = 0.04, resolution: int = RESOLUTION, cell_type: str = "tet4"
+) -> Mesh:
     """A square bar along x, from 0 on, that sticks out of a square plate three times as wide, metres.
 
     Args:
@@ -138,7 +148,9 @@ def mounted_bar(length: float = 0.4, thickness: float = 0.04, resolution: int = 
     )
 
 
-def catapult(height: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+def catapult(
+    height: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
+) -> Mesh:
     """A thin upright arm on a square foot, with a bowl at its upper end that opens towards +x; y = 0 is the ground.
 
     In the manner of the paper's Figure 10: it bends far, nearly in a plane, so that two latent numbers may do.
@@ -160,7 +172,9 @@ def catapult(height: float = 0.3, thickness: float = 0.02, resolution: int = 2, 
     return _shifted(_of_blocks(blocks, thickness, resolution, cell_type), [-2.5 * thickness, 0.0, -2.5 * thickness])
 
 
-def pendulum(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+def pendulum(
+    length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
+) -> Mesh:
     """A square rod that hangs from y = 0 down, with a cubic bob three times as thick at its end, metres.
 
     Args:
@@ -173,7 +187,9 @@ def pendulum(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, 
     return _weighted_rod(length, thickness, resolution, cell_type, both_ends=False)
 
 
-def dumbbell(length: float = 0.3, thickness: float = 0.02, resolution: int = 2, cell_type: str = "tet4") -> Mesh:
+def dumbbell(
+    length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
+) -> Mesh:
     """A square rod along y, from 0 down, with a cubic bob three times as thick at each end; see `pendulum`."""
     return _weighted_rod(length, thickness, resolution, cell_type, both_ends=True)
 

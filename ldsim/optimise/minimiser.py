@@ -92,7 +92,7 @@ def minimise(
     x: Array,
     precondition: Callable[[Array], Array],
     tolerance: float,
-    window: int = 8,
+    pairs: int = 8,
     max_iterations: int = 500,
     refresh: Callable[[Array, int], bool] | None = None,
 ) -> Solution:
@@ -102,14 +102,15 @@ def minimise(
         objective: (x, gradient to overwrite) → value; infinite values are backed away from.
         x: start and result, (d,) float64.
         precondition: an approximate inverse Hessian applied to a vector.
-        window: pairs to keep; with none, and a preconditioner that is the inverse Hessian, this is Newton's method.
+        pairs: of steps and gradient changes to keep; with none, and the inverse Hessian to precondition with, this is
+            Newton's method.
         refresh: called before each iteration with x and the iterations so far; true means that the preconditioner
             was changed, so the memory starts anew.
 
     Returns:
         The record of the solve; x is never worse than where it started.
     """
-    memory = Memory(window, len(x))
+    memory = Memory(pairs, len(x))
     g, g_new = np.empty_like(x), np.empty_like(x)
     f = objective(x, g)
     evaluations = 1

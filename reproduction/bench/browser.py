@@ -16,10 +16,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from ldsim.export.source import Source
 from results_file import Row, row, write_results
 
 from ldsim.export.playground import write_playground
-from ldsim.export.source import Source
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.viewer.browser import Tab, chromium

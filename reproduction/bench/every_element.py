@@ -20,6 +20,7 @@ from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.minimiser import minimise
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ class EveryElement:
     def __init__(self, scene: Scene, U: Array, decoder: Decoder) -> None:
         self.scene, self.U, self.decoder = scene, np.ascontiguousarray(U), decoder
         self._UT = np.ascontiguousarray(U.T)
-        self._inertia = reduced_mass(scene, U) / scene.time_step**2
+        self._inertia = reduced_mass(scene, Basis.of(self.U, scene.mass)) / scene.time_step**2
         self._load = self._UT @ scene.external_force.ravel()
         self._pattern = StiffnessPattern(scene.points.nodes, scene.free, scene.mesh.n_vertices)
         self._free = np.ascontiguousarray(U.reshape(scene.mesh.n_vertices, 3, -1)[scene.free].reshape(-1, U.shape[1]))
@@ -123,14 +124,14 @@ def run(
     progress: Callable[[int], None] = lambda frame: None,
 ) -> Array:
     """q of each frame, (frames, k); NaN from where the run is lost. `progress` is told the frames that are done."""
-    tracker = GrabTracker(motion, space.scene.mesh.vertices, space.scene.movable, held)
+    loads = MotionLoads(motion, space.scene, held)
     rest = np.zeros(space.decoder.r), np.zeros(space.decoder.k)
     state = State(rest[0], rest[0], rest[1], rest[1])
     q = np.full((frames, space.decoder.k), np.nan)
     for frame in range(frames):
         state = restart(frame) or state
-        u = (space.U @ state.q).reshape(-1, 3) if tracker.needs_state(frame) else None
-        state, _ = space.step(state, tracker.grabs(frame, u))
+        u = (space.U @ state.q).reshape(-1, 3) if loads.needs_state(frame) else None
+        state, _ = space.step(state, loads.at(frame, u).grabs)
         if not np.linalg.norm(state.q) < 1e6:
             break
         q[frame] = state.q

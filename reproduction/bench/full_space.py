@@ -37,11 +37,13 @@ from ldsim.artefacts.store import Header
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.jit import one_thread
-from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.recording import read_recording
-from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import read_mesh
+from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import cross
 from ldsim.pipeline.ensemble import run_motion
@@ -88,6 +90,12 @@ class Replay:
         return json.dumps(asdict(self))
 
 
+def neo_hookean(mesh: Mesh, pinned: NDArray[np.bool_], youngs_modulus: float) -> Scene:
+    """A scene of one material throughout, as the paper's; Young's modulus in Pa."""
+    properties = Properties.uniform(mesh.n_cells, "neo_hookean", youngs_modulus, 0.47, 1000.0)
+    return make_scene(mesh, pinned, properties, (0.0, -9.8, 0.0), 0.005)
+
+
 def load(mesh_name: str, refinements: int) -> tuple[Scene, Motion]:
     """The scene of a mesh of the paper's, refined some times, and its recording."""
     data = Path(os.environ["LDSIM_DATA"])
@@ -96,7 +104,7 @@ def load(mesh_name: str, refinements: int) -> tuple[Scene, Motion]:
     for _ in range(refinements):
         mesh = refined(mesh)
     along = mesh.vertices[:, axis]
-    scene = uniform_scene(mesh, along <= along.min() + thickness, youngs_modulus=modulus)
+    scene = neo_hookean(mesh, along <= along.min() + thickness, modulus)
     return scene, read_recording(data / "interactions" / f"{recording}.csv", recording)
 
 
@@ -105,7 +113,7 @@ def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_
     started = time.perf_counter()
     scene, motion = load(mesh_name, refinements)
     stepper = FullStepper(scene, FullOptions(tolerance=TOLERANCE, linear_solver=linear_solver))
-    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
+    loads = MotionLoads(motion, scene)
     state = FullState.at_rest(scene.mesh.n_vertices)
     first = motion.drags[0].start if dragging else 0
     compile_step()
@@ -114,9 +122,9 @@ def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_
     name = f"{mesh_name} refined {refinements}×" if refinements else mesh_name
     words = f"{name}, {stepper.choice.words}"
     for frame in tqdm(range(first, min(first + count, motion.frames)), desc=words, unit="frame", mininterval=5):
-        grabs = tracker.grabs(frame, state.u)
+        acting = loads.at(frame, state.u)
         started = time.perf_counter()
-        state, solution = stepper.step(state, grabs)
+        state, solution = stepper.step(state, acting)
         seconds.append(time.perf_counter() - started)
         solutions.append(solution)
     return Replay(
@@ -146,7 +154,7 @@ def compile_step() -> None:
     """Compile, or load, what a step needs, so that no timed frame does; on a small solid."""
     small = cross(resolution=1)
     pinned = small.vertices[:, 1] < small.vertices[:, 1].min() + 1e-9
-    FullStepper(uniform_scene(small, pinned)).step(FullState.at_rest(small.n_vertices), [])
+    FullStepper(neo_hookean(small, pinned, 1e5)).step(FullState.at_rest(small.n_vertices), Loads())
 
 
 def snapshot_peak(frames: int) -> float:
@@ -155,7 +163,7 @@ def snapshot_peak(frames: int) -> float:
     pinned = mesh.vertices[:, 1] < mesh.vertices[:, 1].min() + 1e-9
     with TemporaryDirectory() as folder:
         path = Path(folder) / "scene.h5"
-        write_scene(path, Header("scene", "", {}, -1, {}), uniform_scene(mesh, pinned, youngs_modulus=4e4))
+        write_scene(path, Header("scene", "", {}, -1, {}), neo_hookean(mesh, pinned, 4e4))
         partial = Path(folder) / "partial"
         partial.mkdir()
         run_motion(path, Lease.taken(partial), Motion("hang", frames), FullOptions(tolerance=TOLERANCE))

@@ -83,16 +83,16 @@ def race(scene: Scene, motion: Motion, count: int, tolerance: float) -> tuple[di
     )
     records = {name: Record() for name in (OURS, *rivals)}
     stepper, state = FullStepper(scene, FullOptions(tolerance=tolerance)), FullState.at_rest(scene.mesh.n_vertices)
-    tracker = GrabTracker(motion, scene.mesh.vertices, scene.movable)
+    loads = MotionLoads(motion, scene)
     first, made = motion.drags[0].start, 0
     for frame in tqdm(range(first - WARM_UP, first + count), desc="rivals", unit="frame"):
-        before, grabs = state, tracker.grabs(frame, state.u)
+        before, acting = state, loads.at(frame, state.u)
         started = time.perf_counter()
-        state, solution = stepper.step(before, grabs)
+        state, solution = stepper.step(before, acting)
         taken = {OURS: (time.perf_counter() - started, solution.iterations, 0.0)}
         for name, step in rivals.items():
             started = time.perf_counter()
-            u, iterations = step(before.u, before.u_previous, grabs)
+            u, iterations = step(before.u, before.u_previous, acting.grabs)
             seconds = time.perf_counter() - started
             taken[name] = seconds, iterations, float(np.linalg.norm(u - state.u, axis=1).max())
         if frame < first:

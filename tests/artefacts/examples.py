@@ -30,13 +30,14 @@ from ldsim.cubature.ladder import VirtualSelection
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion, Support
-from ldsim.mechanics.scene import Scene, uniform_scene
+from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group
 from ldsim.mesh.shapes import beam
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.pca import Pca
+from tests.helpers import uniform_scene
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,12 @@ from ldsim.cli.app import main
 from ldsim.errors import LdsimError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion
-from ldsim.mechanics.scene import Scene, properties_of, uniform_scene
+from ldsim.mechanics.scene import Scene, properties_of
 from ldsim.mesh.shapes import beam
 from ldsim.pipeline.motions import motion
 from ldsim.pipeline.options import MotionOptions
 from ldsim.settings import load_settings
+from tests.helpers import uniform_scene
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

@@ -8,8 +8,9 @@ import pytest
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.properties import Change, Properties, lame_parameters
-from ldsim.mechanics.scene import properties_of, uniform_scene, with_properties
+from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.mesh.shapes import beam
+from tests.helpers import uniform_scene
 
 LEFT = np.array([True, True, False, False])
 

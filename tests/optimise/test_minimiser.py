@@ -158,7 +158,7 @@ def test_the_preconditioner_may_be_renewed_on_the_way() -> None:
 def test_a_renewed_preconditioner_forgets_the_pairs_before_it() -> None:
     A, b, kept, none = spd(12, 1e3), np.ones(12), np.zeros(12), np.zeros(12)
     renewed = minimise(quadratic(A, b), kept, lambda r: r / 1e3, 1e-8, max_iterations=40, refresh=lambda *_: True)
-    plain = minimise(quadratic(A, b), none, lambda r: r / 1e3, 1e-8, max_iterations=40, window=0)
+    plain = minimise(quadratic(A, b), none, lambda r: r / 1e3, 1e-8, max_iterations=40, pairs=0)
     np.testing.assert_array_equal(kept, none)
     assert renewed == plain
 

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 # Numbers in the largest temporary, (9, n, r, c), above which a batch is taken in pieces: on a CPU what its caches hold.
 LARGEST_TEMPORARY = {"cpu": 1 << 19, "cuda": 1 << 26}
 DTYPES = (torch.float64, torch.float32)
+MOST_ITERATIONS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ class BatchedStepper:
         space: Space,
         *,
         tolerance: float = 1e-8,
-        max_iterations: int = 100,
+        max_iterations: int = MOST_ITERATIONS,
         device: str = "cpu",
         dtype: torch.dtype = torch.float64,
         piece: int | None = None,

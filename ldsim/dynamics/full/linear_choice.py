@@ -37,7 +37,7 @@ class LinearChoice:
         return "multigrid" if self.elimination is None else "direct"
 
 
-def choose(scene: Scene, linear_solver: str = "auto", workers: int = 1, memory: float | None = None) -> LinearChoice:
+def choose(scene: Scene, linear_solver: str, workers: int = 1, memory: float | None = None) -> LinearChoice:
     """The linear solver for a scene.
 
     Args:

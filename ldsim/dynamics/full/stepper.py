@@ -111,7 +111,7 @@ class FullStepper:
             x,
             bench.hessian.solve,
             options.tolerance,
-            window=0 if self._newton else WINDOW,
+            pairs=0 if self._newton else WINDOW,
             max_iterations=options.max_iterations,
             refresh=refactorise,
         )

@@ -23,33 +23,33 @@ Array = NDArray[np.float64]
 
 @structref.register
 class _Reference(types.StructRef):
-    """The compiled side of `Reference`."""
+    """The compiled side of `StepReference`."""
 
     def preprocess_fields(self, fields: tuple[tuple[str, types.Type], ...]) -> tuple[tuple[str, types.Type], ...]:
         return tuple((name, types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
 
 
-class Reference(structref.StructRefProxy):
+class StepReference(structref.StructRefProxy):
     """Named tuples of arrays behind one reference; the arrays are shared, the numbers copied."""
 
     content: Any
 
-    def __new__(cls, content: tuple[object, ...]) -> Reference:
-        made: Reference = structref.StructRefProxy.__new__(cls, content)  # type: ignore[no-untyped-call]
+    def __new__(cls, content: tuple[object, ...]) -> StepReference:
+        made: StepReference = structref.StructRefProxy.__new__(cls, content)  # type: ignore[no-untyped-call]
         return made
 
 
-structref.define_proxy(Reference, _Reference, ["content"])  # type: ignore[no-untyped-call]
+structref.define_proxy(StepReference, _Reference, ["content"])  # type: ignore[no-untyped-call]
 
 
-def step_reference(model: Reduced, springs: Springs, options: Minimisation, work: Work) -> Reference:
+def step_reference(model: Reduced, springs: Springs, options: Minimisation, work: Work) -> StepReference:
     """What stays from step to step; targets and stiffnesses of the grabs may be changed in place."""
-    return Reference((model, springs, options, work))
+    return StepReference((model, springs, options, work))
 
 
 @njit(cache=True, nogil=True)
 def advance(
-    reference: Reference,
+    reference: StepReference,
     state: Array,
     renew: bool,
     new: Array,

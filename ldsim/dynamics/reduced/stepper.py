@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import strain_maps
-from ldsim.dynamics.reduced.advance import Reference, advance, step_reference
+from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
@@ -239,7 +239,7 @@ class _Bench:
             springs.centre[i] = rest[grab.vertices].mean(axis=0)
         return springs
 
-    def _reference(self) -> Reference:
+    def _reference(self) -> StepReference:
         return step_reference(self.model, self.springs, self._minimisation, self.work)
 
 
