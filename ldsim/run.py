@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from ldsim.artefacts.records import (
-    StoredCubature,
     StoredModel,
     read_basis,
     read_cubature,
@@ -20,6 +19,7 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash, read_header, reading
+from ldsim.cubature.path import RulePath
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
@@ -178,9 +178,9 @@ class Run:
         return found
 
     @property
-    def cubature(self) -> dict[str, StoredCubature]:
+    def cubature(self) -> dict[str, RulePath]:
         """The cubature rules of each reduced space."""
-        found: dict[str, StoredCubature] = self._get("cubature", read_cubature, "scene", "basis", "model")
+        found: dict[str, RulePath] = self._get("cubature", read_cubature, "scene", "basis", "model")
         return found
 
     @property

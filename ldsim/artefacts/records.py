@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.store import Header, read_header, reading, write
-from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.scene import Scene
@@ -187,96 +187,60 @@ def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:
     return [group[f"weights_{i}"][:] for i in layers], [group[f"biases_{i}"][:] for i in layers]
 
 
-@dataclass(frozen=True, eq=False)
-class StoredCubature:
-    """The cubature of one space: its ladder of sets with their held-out errors, and the set that was chosen.
-
-    Attributes:
-        ladder: from the smallest set to the largest.
-        heldout_errors: relative error of each on held-out poses, (l,).
-        chosen: index of the set in the ladder.
-        perturbed_errors: relative error of each on perturbed poses, (l,); None where it was not measured.
-        virtual: virtual points, fitted from a set of the ladder; None where there are none.
-    """
-
-    ladder: tuple[CubatureRule, ...]
-    heldout_errors: Array
-    chosen: int
-    perturbed_errors: Array | None = None
-    virtual: VirtualSelection | None = None
-
-    @property
-    def best(self) -> CubatureRule:
-        """The chosen set of the ladder, on the mesh."""
-        return self.ladder[self.chosen]
-
-    @property
-    def stepped(self) -> CubatureRule:
-        """What a step takes unless told otherwise: the virtual points, or else the chosen set."""
-        return self.best if self.virtual is None else self.virtual.cubature
-
-    def at_most(self, points: int) -> CubatureRule:
-        """The largest set of at most so many points."""
-        fitting = [entry for entry in self.ladder if len(entry.points) <= points]
-        return fitting[-1] if fitting else self.ladder[0]
-
-
-def write_cubature(path: Path, header: Header, spaces: dict[str, StoredCubature]) -> None:
+def write_cubature(path: Path, header: Header, spaces: dict[str, RulePath]) -> None:
     """Write cubature.h5 with one group a space."""
     datasets: dict[str, NDArray[np.generic] | float | int] = {}
-    for space, stored in spaces.items():
-        errors = np.array([entry.training_error for entry in stored.ladder])
-        datasets[f"{space}/points"] = stored.best.points
-        datasets[f"{space}/weights"] = stored.best.weights
-        datasets[f"{space}/errors"] = np.array([errors[stored.chosen], stored.heldout_errors[stored.chosen]])
-        datasets[f"{space}/ladder_sizes"] = np.array([len(entry.points) for entry in stored.ladder], dtype=np.int64)
-        datasets[f"{space}/ladder_errors"] = np.column_stack([errors, stored.heldout_errors])
-        if stored.perturbed_errors is not None:
-            datasets[f"{space}/ladder_perturbed_errors"] = stored.perturbed_errors
-        datasets[f"{space}/ladder_points"] = np.concatenate([entry.points for entry in stored.ladder])
-        datasets[f"{space}/ladder_weights"] = np.concatenate([entry.weights for entry in stored.ladder])
-        if stored.virtual is not None:
-            found = stored.virtual.cubature
-            assert found.maps is not None
-            errors = np.array([found.training_error, stored.virtual.heldout_error, stored.virtual.perturbed_error])
-            datasets |= {f"{space}/virtual_points": found.points, f"{space}/virtual_weights": found.weights}
-            datasets |= {f"{space}/virtual_maps": found.maps, f"{space}/virtual_errors": errors}
-            datasets |= {
-                f"{space}/virtual_closure": stored.virtual.closure,
-                f"{space}/virtual_tried": stored.virtual.tried,
-            }
+    for space, found in spaces.items():
+        rules = found.rules
+        stored: dict[str, NDArray[np.generic] | float | int] = {
+            "chosen": found.chosen,
+            "path_sizes": np.array([len(rule.points) for rule in rules], dtype=np.int64),
+            "path_errors": np.array([[rule.training_error, rule.heldout_error] for rule in rules]),
+            "path_perturbed_errors": np.array([rule.perturbed_error for rule in rules]),
+            "path_points": np.concatenate([rule.points for rule in rules]),
+            "path_weights": np.concatenate([rule.weights for rule in rules]),
+        }
+        if found.virtual is not None:
+            rule = found.virtual.rule
+            assert rule.maps is not None
+            errors = np.array([rule.training_error, rule.heldout_error, rule.perturbed_error])
+            stored |= {"virtual_points": rule.points, "virtual_weights": rule.weights, "virtual_maps": rule.maps}
+            stored |= {"virtual_errors": errors, "virtual_closure": found.virtual.closure}
+            stored |= {"virtual_judged": found.virtual.judged}
+        datasets |= {f"{space}/{name}": values for name, values in stored.items()}
     write(path, header, datasets)
 
 
-def read_cubature(path: Path) -> tuple[dict[str, StoredCubature], Header]:
+def read_cubature(path: Path) -> tuple[dict[str, RulePath], Header]:
     """Read cubature.h5."""
     with reading(path, "cubature") as file:
         lacking = [space for space in ("latent", "linear") if space not in file]
         if lacking:
-            name = f"{lacking[0]}/points"
+            name = f"{lacking[0]}/path_points"
             raise ArtefactError(f"{path} lacks the dataset {name!r}; it is damaged, delete it and run make")
-        spaces = {space: _stored_cubature(file[space]) for space in file}
+        spaces = {space: _rule_path(file[space], path) for space in file}
         return spaces, read_header(file)
 
 
-def _stored_cubature(group: h5py.Group) -> StoredCubature:
-    sizes, errors = group["ladder_sizes"][:], group["ladder_errors"][:]
-    points = np.split(group["ladder_points"][:], np.cumsum(sizes)[:-1])
-    weights = np.split(group["ladder_weights"][:], np.cumsum(sizes)[:-1])
-    ladder = tuple(CubatureRule(p, w, float(e)) for p, w, e in zip(points, weights, errors[:, 0], strict=True))
-    chosen = [
-        i
-        for i, entry in enumerate(ladder)
-        if np.array_equal(entry.points, group["points"][:]) and np.array_equal(entry.weights, group["weights"][:])
-    ]
-    perturbed = group["ladder_perturbed_errors"][:] if "ladder_perturbed_errors" in group else None
-    return StoredCubature(ladder, errors[:, 1], chosen[0], perturbed, _virtual(group))
+def _rule_path(group: h5py.Group, path: Path) -> RulePath:
+    errors = np.column_stack([group["path_errors"][:], group["path_perturbed_errors"][:]])
+    ends, chosen = np.cumsum(group["path_sizes"][:])[:-1], int(group["chosen"][()])
+    if not 0 <= chosen < len(errors):
+        raise ArtefactError(
+            f"{path}, dataset '{group.name[1:]}/chosen': found {chosen}, expected 0 … {len(errors) - 1}; run make"
+        )
+    points, weights = (np.split(group[f"path_{name}"][:], ends) for name in ("points", "weights"))
+    rules = tuple(
+        CubatureRule(p, w, float(training), None, float(heldout), float(perturbed))
+        for p, w, (training, heldout, perturbed) in zip(points, weights, errors, strict=True)
+    )
+    return RulePath(rules, chosen, _virtual(group))
 
 
-def _virtual(group: h5py.Group) -> VirtualSelection | None:
+def _virtual(group: h5py.Group) -> VirtualFit | None:
     if "virtual_points" not in group:
         return None
     training, heldout, perturbed = (float(error) for error in group["virtual_errors"][:])
     points, weights, maps = (group[f"virtual_{name}"][:] for name in ("points", "weights", "maps"))
-    closure, tried = float(group["virtual_closure"][()]), group["virtual_tried"][:]
-    return VirtualSelection(CubatureRule(points, weights, training, maps), heldout, perturbed, closure, tried)
+    rule = CubatureRule(points, weights, training, maps, heldout, perturbed)
+    return VirtualFit(rule, float(group["virtual_closure"][()]), group["virtual_judged"][:])

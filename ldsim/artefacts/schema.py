@@ -23,22 +23,25 @@ class Dataset:
     optional: bool = False
 
 
-_SETS = (
-    Dataset("*/points", "i8", ("c",), "", "cubature points of the best set, indices of quadrature points"),
-    Dataset("*/weights", "f8", ("c",), "m³", "their weights, > 0"),
-    Dataset("*/errors", "f8", (2,), "", "relative error on training and held-out poses"),
-    Dataset("*/ladder_sizes", "i8", ("l",), "", "points of each set of the ladder"),
-    Dataset("*/ladder_errors", "f8", ("l", 2), "", "their relative error on training and held-out poses"),
-    Dataset("*/ladder_perturbed_errors", "f8", ("l",), "", "their relative error on perturbed poses", True),
-    Dataset("*/ladder_points", "i8", ("a",), "", "the points of all sets of the ladder, one set after another"),
-    Dataset("*/ladder_weights", "f8", ("a",), "m³", "their weights"),
+_RULES = (
+    Dataset("*/chosen", "i8", (), "", "number of the rule that the fit was for, from 0, among those of the path"),
+    Dataset("*/path_sizes", "i8", ("l",), "", "points of each rule of the path"),
+    Dataset("*/path_errors", "f8", ("l", 2), "", "their relative error on training and held-out poses"),
+    Dataset("*/path_perturbed_errors", "f8", ("l",), "", "their relative error on perturbed poses"),
+    Dataset("*/path_points", "i8", ("a",), "", "the points of all rules, indices of quadrature points, rule by rule"),
+    Dataset("*/path_weights", "f8", ("a",), "m³", "their weights, > 0"),
     Dataset("*/virtual_points", "i8", ("v",), "", "quadrature points whose materials the virtual points have", True),
     Dataset("*/virtual_weights", "f8", ("v",), "m³", "their weights, > 0", True),
     Dataset("*/virtual_maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),
     Dataset("*/virtual_errors", "f8", (3,), "", "their error on fitted, held-out and perturbed poses", True),
-    Dataset("*/virtual_closure", "f8", (), "", "share of the true poses' forces that they aim at", True),
+    Dataset("*/virtual_closure", "f8", (), "", "share of the true poses' forces that they were fitted to", True),
     Dataset(
-        "*/virtual_tried", "f8", ("t", 2), "", "shares tried and windowed online errors; NaN: set on the mesh", True
+        "*/virtual_judged",
+        "f8",
+        ("t", 2),
+        "",
+        "closures tried and their windowed online errors; NaN: the chosen rule on the mesh",
+        True,
     ),
 )
 
@@ -124,6 +127,6 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("kp", "i8", (), "", "PCA dimension with the autoencoder's largest training error"),
         Dataset("best_epoch", "i8", (), "", "the epoch whose weights were kept"),
     ),
-    "cubature": _SETS,
+    "cubature": _RULES,
     "simulation": _RUN,
 }

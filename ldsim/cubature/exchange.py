@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from ldsim.cubature.candidates import Candidates
-from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import Ladder
+from ldsim.cubature.options import FitOptions
+from ldsim.cubature.path import PathBuilder
+from ldsim.cubature.system import Candidates
 
 SMALLEST_STEP = 4
 GROWTH = 0.04
@@ -28,25 +28,25 @@ COMPANY = 10
 LEAST_GAIN = 1e-3
 
 
-def exchange(start: Candidates, goal: Goal, ladder: Ladder) -> None:
-    """Grows to the tolerance, thins, exchanges, and takes points out one by one for the ladder down to one."""
-    grown = _grow(start, goal.tolerance, goal.max_points, ladder)
-    refined = _exchange(_thin(grown, goal.tolerance, ladder), goal.tolerance, ladder)
-    _shrink(refined, 1, ladder)
+def exchange(start: Candidates, options: FitOptions, path: PathBuilder) -> None:
+    """Grows to the tolerance, thins, exchanges, and takes points out one by one for the path down to one."""
+    grown = _grow(start, options.tolerance, options.max_points, path)
+    refined = _exchange(_thin(grown, options.tolerance, path), options.tolerance, path)
+    _shrink(refined, 1, path)
 
 
-def _grow(state: Candidates, tolerance: float, max_points: int, ladder: Ladder) -> Candidates:
+def _grow(state: Candidates, tolerance: float, max_points: int, path: PathBuilder) -> Candidates:
     """Adds points, a few a pass, until the tolerance, the limit, or no more gain."""
     while state.error > tolerance and state.size < max_points:
         step = min(max(SMALLEST_STEP, math.ceil(GROWTH * state.size)), max_points - state.size)
-        grown = _add(state, step, tolerance, ladder)
+        grown = _add(state, step, tolerance, path)
         if not np.linalg.norm(grown.residual) < np.linalg.norm(state.residual):
             break
         state = grown
     return state
 
 
-def _add(state: Candidates, step: int, tolerance: float, ladder: Ladder | None) -> Candidates:
+def _add(state: Candidates, step: int, tolerance: float, path: PathBuilder | None) -> Candidates:
     """One pass over all points, then up to `step` additions from the best correlated."""
     state = state.refreshed(COMPANY * step)
     for _ in range(step):
@@ -54,42 +54,42 @@ def _add(state: Candidates, step: int, tolerance: float, ladder: Ladder | None) 
         if added is None:
             break
         state = added
-        if ladder is not None:
-            ladder.record(state)
+        if path is not None:
+            path.record(state)
         if state.error <= tolerance:
             break
     return state
 
 
-def _thin(state: Candidates, tolerance: float, ladder: Ladder) -> Candidates:
+def _thin(state: Candidates, tolerance: float, path: PathBuilder) -> Candidates:
     """Takes points out, the least missed first, while the tolerance holds."""
     while state.size > 1 and state.error <= tolerance:
         thinner = state.without_least()
-        ladder.record(thinner)
+        path.record(thinner)
         if thinner.error > tolerance:
             break
         state = thinner
     return state
 
 
-def _shrink(state: Candidates, size: int, ladder: Ladder | None) -> Candidates:
+def _shrink(state: Candidates, size: int, path: PathBuilder | None) -> Candidates:
     """Takes points out, the least missed first, down to `size`."""
     while state.size > size:
         state = state.without_least()
-        if ladder is not None:
-            ladder.record(state)
+        if path is not None:
+            path.record(state)
     return state
 
 
-def _exchange(state: Candidates, tolerance: float, ladder: Ladder) -> Candidates:
+def _exchange(state: Candidates, tolerance: float, path: PathBuilder) -> Candidates:
     """Adds some points and takes as many out, while that lowers the error, thinning wherever the tolerance allows."""
     shares = list(EXCHANGE_SHARES)
     for _ in range(EXCHANGES):
         step = max(SMALLEST_STEP, math.ceil(shares[0] * state.size))
         other = _shrink(_add(state, step, 0.0, None), state.size, None)
         if other.error < state.error * (1 - LEAST_GAIN):
-            ladder.record(other)
-            state = _thin(other, tolerance, ladder)
+            path.record(other)
+            state = _thin(other, tolerance, path)
             continue
         shares.pop(0)
         if not shares:

@@ -1,22 +1,25 @@
-"""Cubature as it was published: four ways to choose points, each on the same system and from its paper alone.
+"""The methods that choose points: ours (`exchange`) and four as they were published, each from its paper alone.
 
-Each fills a ladder from one point upward and stops at the tolerance, at the most points allowed, or where no point
-lowers the error.
+All work on the same system and fill a path from one point upward. They stop at the tolerance, at the most points
+allowed, or where no point lowers the error.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.candidates import Candidates
-from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import Ladder
+from ldsim.cubature.exchange import exchange
+from ldsim.cubature.options import FitOptions
+from ldsim.cubature.path import PathBuilder, RulePath, Tell
+from ldsim.cubature.system import Candidates, System
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Method = Callable[[Candidates, FitOptions, PathBuilder], None]
 
 # Candidates drawn for each addition of `an`: An et al. 2008, Sec. 5.3, take some hundreds; the paper's authors 200.
 DRAWN = 200
@@ -25,7 +28,7 @@ SUPPORT_GROWTH = 0.15
 THRESHOLDINGS = 6
 
 
-def ecsw(start: Candidates, goal: Goal, ladder: Ladder) -> None:
+def ecsw(start: Candidates, options: FitOptions, path: PathBuilder) -> None:
     """Energy-conserving sampling and weighting: the non-negative least squares of Lawson and Hanson, stopped early.
 
     Farhat, Avery, Chapman and Cortial 2014, "Dimensional reduction of nonlinear finite element dynamic models with
@@ -34,23 +37,23 @@ def ecsw(start: Candidates, goal: Goal, ladder: Ladder) -> None:
     decoder where the forces are so projected (Jain and Tiso 2017).
     """
     state = start
-    while state.error > goal.tolerance and state.size < goal.max_points:
+    while state.error > options.tolerance and state.size < options.max_points:
         added = state.refreshed(1).with_best()
         if added is None or not _closer(added, state):
             return
         state = added
-        ladder.record(state)
+        path.record(state)
 
 
-def an(start: Candidates, goal: Goal, ladder: Ladder) -> None:
+def an(start: Candidates, options: FitOptions, path: PathBuilder) -> None:
     """Greedy optimised cubature: of a random few, the point whose share points most along the residual joins.
 
     An, Kim and James 2008, Algorithm 1; all weights anew by non-negative least squares after each addition, and points
     of weight zero leave.
     """
-    rng = np.random.default_rng(goal.seed)
+    rng = np.random.default_rng(options.seed)
     state, idle = start, 0
-    while state.error > goal.tolerance and state.size < goal.max_points and idle < DRAWN:
+    while state.error > options.tolerance and state.size < options.max_points and idle < DRAWN:
         open_points = np.setdiff1d(start.system.allowed, state.chosen)
         if len(open_points) == 0:
             return
@@ -60,10 +63,10 @@ def an(start: Candidates, goal: Goal, ladder: Ladder) -> None:
             idle += 1
             continue
         state, idle = added, 0
-        ladder.record(state)
+        path.record(state)
 
 
-def nn_htp(start: Candidates, goal: Goal, ladder: Ladder) -> None:
+def nn_htp(start: Candidates, options: FitOptions, path: PathBuilder) -> None:
     """Non-negative hard thresholding pursuit, for supports of growing size.
 
     Von Tycowicz, Schulz, Seidel and Hildebrandt 2013, Sec. 4: step along the gradient, keep the largest positive
@@ -71,8 +74,8 @@ def nn_htp(start: Candidates, goal: Goal, ladder: Ladder) -> None:
     gradient's part on the support (Foucart 2011, "Hard thresholding pursuit"). The size grows by a share a time; each
     size starts from the solution of the one before.
     """
-    state, size, largest = start, 0, min(goal.max_points, len(start.system.allowed))
-    while state.error > goal.tolerance and size < largest:
+    state, size, largest = start, 0, min(options.max_points, len(start.system.allowed))
+    while state.error > options.tolerance and size < largest:
         size = min(max(size + 1, math.ceil((1 + SUPPORT_GROWTH) * size)), largest)
         seen: list[frozenset[int]] = []
         for _ in range(THRESHOLDINGS):
@@ -81,27 +84,27 @@ def nn_htp(start: Candidates, goal: Goal, ladder: Ladder) -> None:
                 break
             seen.append(frozenset(support.tolist()))
             state = state.solved_on(support)
-            ladder.record(state)
-            if state.error <= goal.tolerance:
+            path.record(state)
+            if state.error <= options.tolerance:
                 break
 
 
-def uniform(start: Candidates, goal: Goal, ladder: Ladder) -> None:
+def uniform(start: Candidates, options: FitOptions, path: PathBuilder) -> None:
     """The floor: points drawn at random in proportion to their volume, each with an equal share of the whole.
 
     Monte Carlo integration; nothing is fitted, so its error falls with the root of the number of points.
     """
     allowed, weights = start.system.allowed, start.system.forces.point_weights
-    rng = np.random.default_rng(goal.seed)
+    rng = np.random.default_rng(options.seed)
     share = weights[allowed] / weights[allowed].sum()
-    order = rng.choice(allowed, min(goal.max_points, len(allowed)), replace=False, p=share)
+    order = rng.choice(allowed, min(options.max_points, len(allowed)), replace=False, p=share)
     size = 0
     while size < len(order):
         size = min(max(size + 1, math.ceil((1 + SUPPORT_GROWTH) * size)), len(order))
         points = order[:size]
         state = start.given(points, weights.sum() / size / weights[points])
-        ladder.record(state)
-        if state.error <= goal.tolerance:
+        path.record(state)
+        if state.error <= options.tolerance:
             return
 
 
@@ -122,3 +125,18 @@ def _thresholded(state: Candidates, size: int) -> Indices:
     moved = multipliers + step * slopes
     largest = np.argsort(-moved, kind="stable")[:size]
     return largest[moved[largest] > 0]
+
+
+METHODS: dict[str, Method] = {"exchange": exchange, "ecsw": ecsw, "an": an, "nn_htp": nn_htp, "uniform": uniform}
+
+
+def fit(system: System, options: FitOptions, tell: Tell | None = None) -> RulePath:
+    """The rules of every size that a method finds, down to the tolerance.
+
+    Args:
+        system: the terms to fit; the tolerance is for the error of its forces, over all points.
+        tell: told the number of points and the relative error after each change.
+    """
+    path = PathBuilder(tell)
+    METHODS[options.method](Candidates.none(system), options, path)
+    return path.path(options.tolerance)

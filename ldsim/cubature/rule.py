@@ -6,6 +6,7 @@ of a basis, so a point that lies nowhere on the mesh is as good as one that does
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,8 @@ class CubatureRule:
         training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
         maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
             material of its point of the mesh, but a deformation gradient of its own (`virtual`).
+        heldout_error, perturbed_error: the same on poses kept back from the fit, and on perturbed states of these; NaN
+            where it was not measured.
 
     Raises:
         SolverError: on shapes that differ, a point given twice, a weight that is not positive and finite, or maps that
@@ -38,6 +41,8 @@ class CubatureRule:
     weights: Array
     training_error: float
     maps: Array | None = None
+    heldout_error: float = math.nan
+    perturbed_error: float = math.nan
 
     def __post_init__(self) -> None:
         if self.points.ndim != 1 or self.points.shape != self.weights.shape:

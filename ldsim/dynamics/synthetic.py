@@ -12,12 +12,13 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.fit import fit
-from ldsim.cubature.forces import ProjectedForces
-from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import Progress
-from ldsim.cubature.metric import rest_compliance
-from ldsim.cubature.selection import split_poses
+from ldsim.cubature.choose import split_poses
+from ldsim.cubature.methods import fit
+from ldsim.cubature.options import FitOptions
+from ldsim.cubature.path import Tell
+from ldsim.cubature.samples import PoseSpace, rest_compliance
+from ldsim.cubature.system import System
+from ldsim.cubature.terms import ForceTerm
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
 from ldsim.dynamics.stepper import simulate
@@ -25,35 +26,31 @@ from ldsim.jit import in_threads
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
-from ldsim.space.decoder import Decoder
 from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
-# Of the cubature: relative force error on so many poses, and most points.
-ERROR, POSES, MAX_POINTS = 0.03, 300, 1000
+# The cubature rule is fitted to so many poses.
+POSES, FIT = 300, FitOptions(tolerance=0.03, max_points=1000)
 # Steps stop at ‖∇E‖ ≤ this · max(‖q‖, 1), N.
 TOLERANCE = 1e-4
 
 
-def synthetic_stepper(
-    scene: Scene, basis: Basis, q: Array, seed: int, progress: Progress | None = None
-) -> ReducedStepper:
+def synthetic_stepper(scene: Scene, basis: Basis, q: Array, seed: int, progress: Tell | None = None) -> ReducedStepper:
     """What steps a scene in the linear space of a whole basis, with a cubature fitted to snapshots q, (N, k).
 
     Args:
         seed: of the choice of snapshots.
-        progress: told the points and the relative error of each set of the fit.
+        progress: told the points and the relative error of each rule of the fit.
     """
-    linear = Decoder.identity(basis.k)
     poses, _ = split_poses(len(q), min(POSES, len(q)), 0, seed)
-    metric = rest_compliance(reduced_rest_stiffness(scene, basis), linear, q[:1])
-    found = fit(
-        ProjectedForces(scene, basis.matrix, linear, q[poses], metric=metric, threads=0),
-        Goal(ERROR, MAX_POINTS),
-        progress=progress,
-    ).best
-    return ReducedStepper(Space.linear(scene, basis, basis.k, found), ReducedOptions(tolerance=TOLERANCE))
+    stiffness = reduced_rest_stiffness(scene, basis)
+    space = Space.linear(scene, basis, basis.k)
+    samples = PoseSpace(space, stiffness, q[poses])
+    metric = rest_compliance(stiffness, space.decoder, q[:1])
+    forces = ForceTerm(samples, samples.samples(samples.z, poses), metric)
+    found = fit(System(forces, FIT.terms.volume), FIT, progress).best
+    return ReducedStepper(space.with_rule(found), ReducedOptions(tolerance=TOLERANCE))
 
 
 def synthetic_frames(

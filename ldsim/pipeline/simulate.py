@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldsim.artefacts.records import StoredCubature
 from ldsim.artefacts.simulation import write_simulation
+from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.trajectory import Trajectory
@@ -73,7 +73,7 @@ def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
     return found
 
 
-def _rule(stored: StoredCubature, points: int | None, changed: bool) -> CubatureRule:
+def _rule(stored: RulePath, points: int | None, changed: bool) -> CubatureRule:
     """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
     if points is not None:
         return stored.at_most(points)

@@ -92,11 +92,12 @@ def cubature_error(run: Run, tolerance: float | None) -> Figure | None:
     """Relative error of cubature against its number of points, for each space, and the tolerance asked for."""
     series = []
     for space, stored in run.cubature.items():
-        points = [len(entry.points) for entry in stored.ladder]
-        fitted = [entry.training_error for entry in stored.ladder]
+        points = [len(rule.points) for rule in stored.rules]
+        fitted = [rule.training_error for rule in stored.rules]
+        kept_back = [rule.heldout_error for rule in stored.rules]
         series += [
             curve(f"{space}, fitted poses", space, points, fitted, marker=MARKERS[space]),
-            curve(f"{space}, kept back", space, points, stored.heldout_errors, marker=MARKERS[space], dashed=True),
+            curve(f"{space}, kept back", space, points, kept_back, marker=MARKERS[space], dashed=True),
         ]
     if not series:
         return None

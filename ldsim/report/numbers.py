@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from ldsim.artefacts.store import STAGE_OF
-from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.report.machine import describe_machine
 from ldsim.report.runs import dimensions, runs
@@ -138,19 +138,18 @@ def _cubature(run: Run, space: str) -> RuleNumbers | None:
     seconds = run.header("cubature").notes.get(f"{space}_seconds")
     return RuleNumbers(
         points=len(stored.best.points),
-        relative_error=_force_errors(stored.best.training_error, stored.heldout_errors[stored.chosen]),
-        virtual=None if stored.virtual is None else _virtual(stored.virtual),
+        relative_error=_force_errors(stored.best),
+        virtual=None if stored.virtual is None else _virtual(stored.virtual.rule),
         seconds=None if seconds is None else _finite(float(seconds)),
     )
 
 
-def _virtual(found: VirtualSelection) -> VirtualRule:
-    errors = _force_errors(found.cubature.training_error, found.heldout_error)
-    return VirtualRule(points=len(found.cubature.points), relative_error=errors)
+def _virtual(rule: CubatureRule) -> VirtualRule:
+    return VirtualRule(points=len(rule.points), relative_error=_force_errors(rule))
 
 
-def _force_errors(fitted: float, kept_back: float | None) -> ForceErrors:
-    return ForceErrors(fitted=_finite(fitted), kept_back=_finite(kept_back))
+def _force_errors(rule: CubatureRule) -> ForceErrors:
+    return ForceErrors(fitted=_finite(rule.training_error), kept_back=_finite(rule.heldout_error))
 
 
 def _motion_run(run: Run, motion: str, trajectory: Trajectory) -> MotionRun:

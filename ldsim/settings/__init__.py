@@ -4,12 +4,11 @@ Every option is declared in the room that uses it; the reference page of the doc
 about unknown keys all come from these declarations.
 """
 
-from ldsim.settings.experiment import STAGES, CubatureSettings, Settings, load_settings, settings_of
+from ldsim.settings.experiment import STAGES, Settings, load_settings, settings_of
 from ldsim.settings.files import input_files, stamp, write_stamps
 
 __all__ = [
     "STAGES",
-    "CubatureSettings",
     "Settings",
     "input_files",
     "load_settings",

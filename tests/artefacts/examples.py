@@ -12,7 +12,6 @@ from scipy.sparse import issparse
 
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
-    StoredCubature,
     StoredModel,
     read_basis,
     read_cubature,
@@ -26,7 +25,7 @@ from ldsim.artefacts.records import (
 from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import Header
-from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion, Support
@@ -84,13 +83,13 @@ def model() -> StoredModel:
     return StoredModel(decoder, encoder, numbers(9, 2), numbers(3, 3), numbers(2, 2), 7, 5)
 
 
-def cubature() -> dict[str, StoredCubature]:
-    def stored(*sizes: int) -> StoredCubature:
-        sets = (CubatureRule(np.arange(n) * 2, numbers(n), 1.0 / n) for n in sizes)
-        return StoredCubature(tuple(sets), numbers(len(sizes)), 1)
+def cubature() -> dict[str, RulePath]:
+    def stored(*sizes: int) -> RulePath:
+        rules = (CubatureRule(np.arange(n) * 2, numbers(n), 1.0 / n, None, 2.0 / n, 3.0 / n) for n in sizes)
+        return RulePath(tuple(rules), 1)
 
-    found = VirtualSelection(
-        CubatureRule(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4)), 0.5, 0.75, 1.0, numbers(3, 2)
+    found = VirtualFit(
+        CubatureRule(np.arange(3), 1 + numbers(3), 0.25, numbers(3, 9, 4), 0.5, 0.75), 1.0, numbers(3, 2)
     )
     return {"latent": replace(stored(2, 5, 9), virtual=found), "linear": stored(3, 4)}
 

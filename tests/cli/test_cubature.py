@@ -8,6 +8,7 @@ import pytest
 from ldsim.artefacts.records import read_cubature
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.cli.cubature import MISSED
+from ldsim.errors import ArtefactError
 from tests.cli.experiments import TINY, Experiment
 
 CUBATURE = TINY["cubature"]
@@ -17,15 +18,14 @@ def test_it_tells_and_stores_the_errors_on_fitted_held_out_and_perturbed_poses(e
     result = experiment.invoke("cubature")
     spaces, _ = read_cubature(experiment.run / "cubature.h5")
     for space, stored in spaces.items():
-        assert stored.perturbed_errors is not None
-        errors = stored.best.training_error, stored.heldout_errors[-1], stored.perturbed_errors[-1]
+        errors = stored.best.training_error, stored.best.heldout_error, stored.best.perturbed_error
         words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
         assert f"{space}: {len(stored.best.points)} points, relative error {words}" in result.stdout
     found = spaces["latent"].virtual
     assert found is not None
-    errors = found.cubature.training_error, found.heldout_error, found.perturbed_error
+    errors = found.rule.training_error, found.rule.heldout_error, found.rule.perturbed_error
     words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
-    assert f"; {len(found.cubature.points)} virtual points, relative error {words}" in result.stdout
+    assert f"; {len(found.rule.points)} virtual points, relative error {words}" in result.stdout
     assert spaces["linear"].virtual is None
 
 
@@ -40,8 +40,10 @@ def test_a_missed_tolerance_is_told_by_the_status_and_costs_no_artefact(experime
     assert experiment.invoke("simulate").exit_code == 0
 
 
-@pytest.mark.parametrize("options", [{"method": "ecsw"}, {"project": "linear"}, {"closure": 0.2, "norm": "force"}])
-def test_another_recipe_gives_other_points(experiment: Experiment, options: dict[str, object]) -> None:
+@pytest.mark.parametrize(
+    "options", [{"method": "ecsw"}, {"project": "linear"}, {"terms": {"closure": 0.2}, "norm": "force"}]
+)
+def test_other_options_give_other_points(experiment: Experiment, options: dict[str, object]) -> None:
     before, _ = read_cubature(experiment.run / "cubature.h5")
     experiment.configure(TINY | {"cubature": CUBATURE | options})
     assert experiment.invoke("cubature").exit_code in (0, MISSED)
@@ -69,11 +71,13 @@ def test_simulate_takes_the_set_of_so_many_points(experiment: Experiment) -> Non
     assert coordinates() == pytest.approx(on_mesh, abs=1e-6)
 
 
-def test_sets_of_an_older_version_without_perturbed_errors_are_read(experiment: Experiment) -> None:
+def test_a_chosen_rule_that_is_not_on_the_path_is_refused(experiment: Experiment) -> None:
     path = experiment.run / "cubature.h5"
     with h5py.File(path, "r+") as file:
-        del file["latent/ladder_perturbed_errors"]
-    assert read_cubature(path)[0]["latent"].perturbed_errors is None
+        sizes = len(file["latent/path_sizes"])
+        file["latent/chosen"][...] = sizes
+    with pytest.raises(ArtefactError, match=rf"dataset 'latent/chosen': found {sizes}, expected 0 … {sizes - 1}"):
+        read_cubature(path)
 
 
 def test_another_material_is_stepped_with_points_of_the_mesh(experiment: Experiment) -> None:

@@ -8,12 +8,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.materials import MATERIALS
-from ldsim.mechanics.materials.kernels import energy
-from ldsim.mechanics.properties import lame_parameters
+from ldsim.cubature.rule import CubatureRule
+from ldsim.cubature.samples import PoseSpace
+from ldsim.cubature.terms import ForceTerm
+from ldsim.mechanics.materials import MATERIALS, energy, lame_parameters
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import IDENTITY
+from ldsim.space.lifting import Lifting
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
@@ -31,16 +36,32 @@ class Problem:
     z: Array
     held_out: Array
 
+    def space(self, lifting: Lifting | None = None) -> Space:
+        basis = Basis.of(self.U, self.scene.mass)
+        return Space("latent", self.scene, basis, self.decoder, IDENTITY, CubatureRule.every(self.scene), lifting)
+
+    def poses(self, z: Array | None = None, threads: int = 1) -> PoseSpace:
+        """Its poses or others, without a stiffness."""
+        k = self.decoder.k
+        return PoseSpace(self.space(), np.zeros((k, k)), self.z if z is None else z, threads=threads)
+
+    def forces(
+        self, z: Array | None = None, metric: Array | None = None, candidates: NDArray[np.int64] | None = None
+    ) -> ForceTerm:
+        """The force term of these poses."""
+        return forces_of(self.poses(z), metric, candidates)
+
+
+def forces_of(space: PoseSpace, metric: Array | None = None, candidates: NDArray[np.int64] | None = None) -> ForceTerm:
+    """The force term of all poses of a space."""
+    return ForceTerm(space, space.samples(space.z, np.arange(len(space.z))), metric, candidates)
+
 
 class GivenColumns:
-    """The rows of cubature with a matrix given whole: target A 1."""
+    """A term of cubature with a matrix given whole: target A 1."""
 
     def __init__(self, A: Array, point_weights: Array) -> None:
         self.A, self._weights, self._target = A, point_weights, A.sum(axis=1)
-
-    @property
-    def n_points(self) -> int:
-        return self.A.shape[1]
 
     @property
     def point_weights(self) -> Array:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
-    StoredCubature,
     StoredModel,
     write_basis,
     write_cubature,
@@ -19,6 +18,7 @@ from ldsim.artefacts.records import (
 )
 from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
+from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.motion import Drag, Motion
@@ -167,11 +167,11 @@ def _write_cubature(folder: Path) -> None:
     spaces = {}
     for space, shift in (("latent", 0), ("linear", 3)):
         counts = (2 + shift, 5 + shift)
-        ladder = tuple(
-            CubatureRule(np.arange(count), np.full(count, 1e-5), error)
-            for count, error in zip(counts, (0.2, 0.05), strict=True)
+        rules = tuple(
+            CubatureRule(np.arange(count), np.full(count, 1e-5), error, heldout_error=heldout)
+            for count, error, heldout in zip(counts, (0.2, 0.05), (0.25, 0.07 + shift / 100), strict=True)
         )
-        spaces[space] = StoredCubature(ladder, np.array([0.25, 0.07 + shift / 100]), 1)
+        spaces[space] = RulePath(rules, 1)
     notes = {"latent_seconds": 3.25, "linear_seconds": 4.5}
     write_cubature(folder / "cubature.h5", _header(folder, "cubature", **notes), spaces)
 

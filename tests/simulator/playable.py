@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.records import (
-    StoredCubature,
     StoredModel,
     write_basis,
     write_cubature,
@@ -17,7 +16,7 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
-from ldsim.cubature.ladder import VirtualSelection
+from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
@@ -66,13 +65,13 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
     model = StoredModel(decoder, encoder, np.ones((1, 2)), np.ones((1, 3)), np.ones((2, 2)), KP, 0)
     write_model(folder / "model.h5", header(folder, "model", activation="elu"), model)
     points = body.points
-    ladder = tuple(
+    rules = tuple(
         CubatureRule(np.arange(points.n_points)[::stride], stride * points.weights[::stride], 0.0) for stride in (4, 1)
     )
-    stored = StoredCubature(ladder, np.zeros(2), 1)
-    maps = ladder[0].strain_maps(body, U)
+    stored = RulePath(rules, 1)
+    maps = rules[0].strain_maps(body, U)
     maps *= np.random.default_rng(3).uniform(0.9, 1.1, maps.shape)
-    virtual = VirtualSelection(replace(ladder[0], maps=maps), 0.1, 0.1, 1.0, np.array([[np.nan, 0.2], [1.0, 0.1]]))
+    virtual = VirtualFit(replace(rules[0], maps=maps), 1.0, np.array([[np.nan, 0.2], [1.0, 0.1]]))
     spaces = {"latent": replace(stored, virtual=virtual), "linear": stored}
     write_cubature(folder / "cubature.h5", header(folder, "cubature"), spaces)
     return body

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -9,12 +10,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.cubature.forces import Closure, ProjectedForces
+from ldsim.cubature.choose import closed_samples
+from ldsim.cubature.options import FitOptions, TermOptions
+from ldsim.cubature.samples import PoseSpace, Samples
+from ldsim.cubature.terms import ForceTerm
 from ldsim.errors import SolverError
 from ldsim.space.decoder import Decoder
+from ldsim.space.lifting import Lifting
 from tests.cubature.cubature_problems import (
     Problem,
     beam_scene,
+    forces_of,
     latent_problem,
     linear_problem,
     point_energies,
@@ -42,10 +48,6 @@ def case(request: pytest.FixtureRequest) -> Problem:
     return problem(request.param)
 
 
-def forces_of(p: Problem, **options: object) -> ProjectedForces:
-    return ProjectedForces(p.scene, p.U, p.decoder, p.z, **options)
-
-
 def dense_shares(p: Problem, poses: Array, step: float = 1e-5) -> Array:
     """b_st by central differences of each point's energy along the columns of U J(z_t), (T, r, s)."""
     shares = np.empty((len(poses), p.decoder.r, p.scene.points.n_points))
@@ -63,26 +65,33 @@ def normalised(shares: Array, floor: float) -> Array:
 
 
 @pytest.mark.parametrize("memory", [0, 2**30])
-def test_what_moving_pins_prescribe_is_in_the_poses_and_no_force_on_it_counts(memory: int) -> None:
+def test_what_moving_pins_prescribe_is_in_the_poses_and_no_force_on_it_counts(
+    memory: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldsim.cubature.terms.MEMORY", memory)
     case, rng = problem("latent tet4"), np.random.default_rng(6)
     fields = np.tile(case.scene.mesh.vertices, (1, 2)).reshape(-1, 3, 2) @ rng.normal(size=(2, 5))
     L, a = fields.reshape(len(case.U), 5), 0.03 * rng.normal(size=(len(case.z), 5))
-    forces = ProjectedForces(case.scene, np.hstack([case.U, L]), case.decoder, case.z, given=a, memory=memory)
+    lifted = case.space(Lifting(L, (), case.scene.pinned))
+    forces = forces_of(replace(case.poses(), space=lifted, given=a))
     dense = normalised(dense_shares(case, case.decoder(case.z) @ case.U.T + a @ L.T), 0.05)
-    residual, points = rng.standard_normal(len(dense)), np.arange(0, forces.n_points, 3)
+    residual, points = rng.standard_normal(len(dense)), np.arange(0, dense.shape[1], 3)
     assert np.abs(forces.columns(points) - dense[:, points]).max() < 1e-6 * np.abs(dense).max()
     assert np.abs(forces.target - dense.sum(axis=1)).max() < 1e-6
     correlations = dense.T @ residual
     assert np.abs(forces.correlations(residual) - correlations).max() < 1e-6 * np.abs(correlations).max()
-    assert np.abs(forces.target - forces_of(case).target).max() > 1e-2
+    assert np.abs(forces.target - case.forces().target).max() > 1e-2
 
 
 @pytest.mark.parametrize("floor", [0.05, 1.0])
-def test_columns_target_and_correlations_agree_with_differenced_energies(case: Problem, floor: float) -> None:
-    forces = forces_of(case, floor=floor)
+def test_columns_target_and_correlations_agree_with_differenced_energies(
+    case: Problem, floor: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldsim.cubature.samples.FLOOR", floor)
+    forces = case.forces()
     dense = normalised(dense_shares(case, case.decoder(case.z) @ case.U.T), floor)
     residual = np.random.default_rng(1).standard_normal(len(dense))
-    points = np.random.default_rng(2).permutation(forces.n_points)
+    points = np.random.default_rng(2).permutation(dense.shape[1])
     size = np.abs(dense).max()
     assert np.abs(forces.columns(points) - dense[:, points]).max() < 1e-6 * size
     assert np.abs(forces.target - dense.sum(axis=1)).max() < 1e-6
@@ -94,7 +103,11 @@ def test_columns_target_and_correlations_agree_with_differenced_energies(case: P
 def test_a_closure_moves_the_target_to_the_forces_of_the_true_poses_and_keeps_the_shares(share: float) -> None:
     case, count = problem("latent tet4"), 15
     true = smooth_poses(case.scene, count, seed=7)
-    forces = forces_of(case, closure=Closure(lambda t: true[t].reshape(-1, 3), count, share))
+    space = replace(case.poses(), displacement=lambda t: true[t].reshape(-1, 3))
+    options = FitOptions(terms=TermOptions(closure=share))
+    closed, rest = np.arange(count), np.arange(count, len(case.z))
+    samples = Samples.joined(closed_samples(space, closed, options), space.samples(case.z[rest], rest))
+    forces = ForceTerm(space, samples)
     decoded = dense_shares(case, case.decoder(case.z) @ case.U.T)
     aim = decoded.sum(axis=2)
     aim[:count] = (1 - share) * aim[:count] + share * dense_shares(case, true).sum(axis=2)
@@ -102,29 +115,23 @@ def test_a_closure_moves_the_target_to_the_forces_of_the_true_poses_and_keeps_th
     scales = np.maximum(norms, 0.05 * np.median(norms))[:, None]
     assert np.abs(forces.target - (aim / scales).ravel()).max() < 1e-6
     columns = (decoded / scales[:, :, None]).reshape(-1, decoded.shape[2])
-    assert np.abs(forces.columns(np.arange(forces.n_points)) - columns).max() < 1e-6 * np.abs(columns).max()
+    assert np.abs(forces.columns(np.arange(columns.shape[1])) - columns).max() < 1e-6 * np.abs(columns).max()
 
 
-@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
-def test_a_closure_outside_its_range_is_refused(share: float) -> None:
-    with pytest.raises(SolverError, match="closure share is"):
-        Closure(lambda t: np.zeros((3, 3)), 1, share)
-
-
-def test_a_metric_turns_every_share_and_the_scale_of_each_pose(case: Problem) -> None:
+def test_a_metric_changes_every_share_and_the_scale_of_each_pose(case: Problem) -> None:
     metric = np.random.default_rng(5).standard_normal((case.decoder.r, case.decoder.r))
     dense = dense_shares(case, case.decoder(case.z) @ case.U.T)
     turned = normalised(np.einsum("ri,trs->tis", metric, dense), 0.05)
-    columns = forces_of(case, metric=metric).columns(np.arange(dense.shape[2]))
+    columns = case.forces(metric=metric).columns(np.arange(dense.shape[2]))
     assert np.abs(columns - turned).max() < 1e-6 * np.abs(turned).max()
 
 
 def test_candidates_limit_the_correlations_and_nothing_else() -> None:
     case = problem("latent hex8")
     few = np.array([40, 3, 17])
-    forces, some = forces_of(case), forces_of(case, candidates=few)
+    forces, some = case.forces(), case.forces(candidates=few)
     residual = np.random.default_rng(6).standard_normal(len(forces.target))
-    expected = np.zeros(forces.n_points)
+    expected = np.zeros(len(forces.point_weights))
     expected[few] = forces.correlations(residual)[few]
     assert np.allclose(some.correlations(residual), expected, rtol=1e-12)
     assert np.array_equal(some.target, forces.target)
@@ -132,30 +139,34 @@ def test_candidates_limit_the_correlations_and_nothing_else() -> None:
 
 
 def test_no_points_are_an_empty_matrix(case: Problem) -> None:
-    forces = forces_of(case)
+    forces = case.forces()
     assert forces.columns(np.empty(0, dtype=np.int64)).shape == (len(forces.target), 0)
 
 
 def test_the_number_of_threads_changes_no_bit(case: Problem) -> None:
-    one, four = forces_of(case, threads=1), forces_of(case, threads=4)
+    one, four = (forces_of(case.poses(threads=threads)) for threads in (1, 4))
     residual = np.random.default_rng(7).standard_normal(len(one.target))
-    points = np.arange(one.n_points)
+    points = np.arange(len(one.point_weights))
     assert np.array_equal(one.target, four.target)
     assert np.array_equal(one.correlations(residual), four.correlations(residual))
     assert np.array_equal(one.columns(points), four.columns(points))
 
 
 def test_all_columns_sum_to_the_target(case: Problem) -> None:
-    forces = forces_of(case)
-    assert np.allclose(forces.columns(np.arange(forces.n_points)).sum(axis=1), forces.target, rtol=0, atol=1e-13)
+    forces = case.forces()
+    assert np.allclose(
+        forces.columns(np.arange(len(forces.point_weights))).sum(axis=1), forces.target, rtol=0, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("poses_that_fit", [0, 7, 20])
-def test_stored_and_recomputed_stresses_give_the_same_correlations(case: Problem, poses_that_fit: int) -> None:
-    memory = poses_that_fit * case.scene.points.n_points * 36
-    forces = forces_of(case, memory=memory)
+def test_stored_and_recomputed_stresses_give_the_same_correlations(
+    case: Problem, poses_that_fit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldsim.cubature.terms.MEMORY", poses_that_fit * case.scene.points.n_points * 36)
+    forces = case.forces()
     residual = np.random.default_rng(3).standard_normal(len(forces.target))
-    exact = forces.columns(np.arange(forces.n_points)).T @ residual
+    exact = forces.columns(np.arange(len(forces.point_weights))).T @ residual
     limit = 1e-12 if poses_that_fit == 0 else 1e-6
     assert np.abs(forces.correlations(residual) - exact).max() < limit * np.abs(exact).max()
 
@@ -165,46 +176,49 @@ def test_no_pose_weighs_more_than_one_and_those_near_rest_weigh_less() -> None:
     z = case.z.copy()
     z[0] *= 1e-6
     z[1] = 0.0
-    norms = np.linalg.norm(forces_of(replace(case, z=z)).target.reshape(len(z), -1), axis=1)
+    norms = np.linalg.norm(case.forces(z).target.reshape(len(z), -1), axis=1)
     assert np.allclose(norms[2:], 1.0)
     assert 0 < norms[0] < 1e-3
     assert norms[1] < 1e-12
 
 
-def test_inverted_poses_are_left_out_and_counted() -> None:
+def test_inverted_poses_are_left_out() -> None:
     scene = beam_scene((4, 2, 2), "tet4", "neo_hookean")
     case = linear_problem(scene, k=6, count=20)
     z = case.z.copy() * 0.1
     bad = [0, 8]
     good = np.delete(np.arange(20), bad)
     z[bad] *= 1e4
-    forces, expected = forces_of(replace(case, z=z)), forces_of(replace(case, z=z[good]))
-    assert (forces.dropped, forces.n_poses) == (2, 18)
+    forces, expected = case.forces(z), case.forces(z[good])
+    assert forces.kept.tolist() == good.tolist()
     residual = np.random.default_rng(4).standard_normal(len(expected.target))
     points = np.array([5, 3])
     assert np.array_equal(forces.target, expected.target)
     assert np.array_equal(forces.columns(points), expected.columns(points))
     assert np.array_equal(forces.correlations(residual), expected.correlations(residual))
     poses = (z @ case.U.T).reshape(len(z), -1, 3)
-    true = forces_of(replace(case, z=z), closure=Closure(lambda t: poses[t], len(z), 1.0))
+    space = replace(case.poses(z), displacement=lambda t: poses[t])
+    true = ForceTerm(space, closed_samples(space, np.arange(20), FitOptions(terms=TermOptions(closure=1.0))))
     assert np.allclose(true.target, expected.target, rtol=0, atol=1e-13)
 
 
-def bad_inputs() -> dict[str, tuple[Problem, dict[str, object], str]]:
+def of_displacement(p: Problem, u: Array) -> PoseSpace:
+    return replace(p.poses(), displacement=lambda t: u)
+
+
+def bad_inputs() -> dict[str, tuple[Callable[[], object], str]]:
     case = problem("linear tet4")
     hookean = replace(case, scene=beam_scene((4, 2, 2), "tet4", "neo_hookean"))
     short = np.zeros((3, 3))
     return {
-        "basis of another mesh": (replace(case, U=case.U[:-3]), {}, "basis has shape"),
-        "decoder of another basis": (replace(case, decoder=Decoder.identity(5)), {}, "basis has shape"),
-        "poses of another dimension": (replace(case, z=case.z[:, 1:]), {}, "poses have shape"),
-        "no poses": (replace(case, z=case.z[:0]), {}, "poses have shape"),
-        "floor of zero": (case, {"floor": 0.0}, "floor is 0"),
-        "only poses at rest": (replace(case, z=0 * case.z), {}, "is zero"),
-        "only inverted poses": (replace(hookean, z=1e4 * case.z), {}, "infinite energy"),
+        "decoder of another basis": (replace(case, decoder=Decoder.identity(5)).forces, "basis has shape"),
+        "pins without their fields": (lambda: replace(case.poses(), given=np.zeros((20, 2))), "basis has shape"),
+        "poses of another dimension": (lambda: case.forces(case.z[:, 1:]), "poses have shape"),
+        "no poses": (lambda: case.forces(case.z[:0]), "poses have shape"),
+        "only poses at rest": (lambda: case.forces(0 * case.z), "is zero"),
+        "only inverted poses": (lambda: hookean.forces(1e4 * case.z), "infinite energy"),
         "true poses of another mesh": (
-            case,
-            {"closure": Closure(lambda t: short, len(case.z), 0.5)},
+            lambda: of_displacement(case, short).true_forces(np.arange(3)),
             "displacement of pose 0",
         ),
     }
@@ -212,7 +226,7 @@ def bad_inputs() -> dict[str, tuple[Problem, dict[str, object], str]]:
 
 @pytest.mark.parametrize("name", bad_inputs())
 def test_bad_input_is_refused_in_one_line(name: str) -> None:
-    bad, options, words = bad_inputs()[name]
+    make, words = bad_inputs()[name]
     with pytest.raises(SolverError, match=words) as caught:
-        forces_of(bad, **options)
+        make()
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The least-squares system of cubature, and the few of its columns at work in one round."""
+"""The least-squares system of cubature: all terms of a fit as one, and the few of its columns at work in one round."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.cubature.nnls import losses_without, nnls, solve_on_support
-from ldsim.cubature.rows import Rows
+from ldsim.cubature.terms import Term
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -17,69 +17,71 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Rows of forces, any others beside them, and one more, which asks that the weights sum to the volume.
+    """The forces, other terms beside them, and one more equation, which asks that the weights sum to the volume.
 
-    A multiplier x_s of point s has the row entry v ‖target‖ w_s / Σ w and the row the value v ‖target‖: without it, few
-    points that fit the forces may weigh much less than the solid, and be soft in every direction not trained on.
+    For multipliers x_s it reads Σ_s v ‖target‖ x_s w_s / Σ w = v ‖target‖: without it, few points that fit the forces
+    may weigh much less than the solid, and be soft in every direction that the poses do not show.
 
     Attributes:
         forces: their error is the one that a tolerance is for.
-        volume_weight: v.
-        others: more rows with the weight of each kind; their size is evened out with that of the forces.
+        volume: v, the weight of the volume; 0 leaves it out.
+        others: more terms, each with its weight; their size is evened out with that of the forces.
         candidates: the points that may be chosen, (c,); None for all.
     """
 
-    forces: Rows
-    volume_weight: float
-    others: tuple[tuple[Rows, float], ...] = ()
+    forces: Term
+    volume: float
+    others: tuple[tuple[Term, float], ...] = ()
     candidates: Indices | None = None
+
+    @property
+    def n_points(self) -> int:
+        """All points of the scene, s."""
+        return len(self.forces.point_weights)
 
     @cached_property
     def allowed(self) -> Indices:
         """The points that may be chosen, (c,)."""
         return np.arange(self.n_points) if self.candidates is None else self.candidates
 
-    @property
-    def n_points(self) -> int:
-        return self.forces.n_points
-
     @cached_property
     def force_norm(self) -> float:
+        """‖target‖ of the forces."""
         return float(np.linalg.norm(self.forces.target))
 
     @cached_property
-    def _factors(self) -> tuple[float, ...]:
-        """Makes the target of each of the others `weight` times as long as that of the forces."""
-        return tuple(weight * self.force_norm / float(np.linalg.norm(rows.target)) for rows, weight in self.others)
+    def _scaled(self) -> list[tuple[Term, float]]:
+        """The other terms with a factor that makes the target of each `weight` times as long as that of the forces."""
+        return [(term, weight * self.force_norm / float(np.linalg.norm(term.target))) for term, weight in self.others]
 
     @cached_property
-    def volume_row(self) -> Array:
-        """(s,) float64."""
+    def volume_shares(self) -> Array:
+        """What each point adds to the equation of the volume with its full weight, (s,)."""
         weights = self.forces.point_weights
-        row: Array = self.volume_weight * self.force_norm * weights / weights.sum()
-        return row
+        shares: Array = self.volume * self.force_norm * weights / weights.sum()
+        return shares
 
     @cached_property
     def target(self) -> Array:
-        """The forces' target, the others', and that of the volume, (rows,) float64."""
-        others = [factor * rows.target for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
-        return np.concatenate([self.forces.target, *others, [self.volume_weight * self.force_norm]])
+        """The forces' target, the others', and that of the volume, (e,) float64."""
+        others = [factor * term.target for term, factor in self._scaled]
+        return np.concatenate([self.forces.target, *others, [self.volume * self.force_norm]])
 
     def columns(self, points: Indices) -> Array:
-        """(rows, c) float64."""
-        others = [factor * rows.columns(points) for factor, (rows, _) in zip(self._factors, self.others, strict=True)]
-        return np.vstack([self.forces.columns(points), *others, self.volume_row[points]])
+        """What some points add with their full weights, (e, c) float64."""
+        others = [factor * term.columns(points) for term, factor in self._scaled]
+        return np.vstack([self.forces.columns(points), *others, self.volume_shares[points]])
 
     def correlations(self, residual: Array) -> Array:
-        """Every allowed column times a residual (rows,); returns (s,) float64, −inf for points not allowed."""
+        """Every allowed column times a residual (e,); returns (s,) float64, −inf for points not allowed."""
         first = len(self.forces.target)
         correlations = self.forces.correlations(residual[:first])
-        for factor, (rows, _) in zip(self._factors, self.others, strict=True):
-            part = slice(first, first + len(rows.target))
-            correlations += factor * rows.correlations(residual[part])
-            first = part.stop
+        for term, factor in self._scaled:
+            own = slice(first, first + len(term.target))
+            correlations += factor * term.correlations(residual[own])
+            first = own.stop
         allowed = np.full(self.n_points, -np.inf)
-        allowed[self.allowed] = (correlations + residual[-1] * self.volume_row)[self.allowed]
+        allowed[self.allowed] = (correlations + residual[-1] * self.volume_shares)[self.allowed]
         return allowed
 
     def error(self, residual: Array) -> float:
@@ -92,7 +94,7 @@ class Candidates:
     """Some points, their columns and the multipliers x ≥ 0 of those chosen among them; the rest have x = 0.
 
     Every method returns new candidates. Columns are of unit length, `norms` (m,) what they were divided by; x fits the
-    unit columns. gram (m, m) is their Gram matrix and residual (rows,) what is left of the target.
+    unit columns. gram (m, m) is their Gram matrix and residual (e,) what is left of the target.
     """
 
     system: System
@@ -106,9 +108,10 @@ class Candidates:
 
     @classmethod
     def none(cls, system: System) -> Candidates:
-        nothing, rows = np.empty(0), len(system.target)
+        """Nothing chosen yet, nothing at work."""
+        nothing, equations = np.empty(0), len(system.target)
         points = np.empty(0, dtype=np.int64)
-        columns, gram = np.empty((rows, 0)), np.empty((0, 0))
+        columns, gram = np.empty((equations, 0)), np.empty((0, 0))
         return cls(system, points, columns, nothing, gram, nothing, nothing, system.target)
 
     @property
@@ -118,6 +121,7 @@ class Candidates:
 
     @property
     def error(self) -> float:
+        """Relative error of the forces."""
         return self.system.error(self.residual)
 
     @property
@@ -128,6 +132,7 @@ class Candidates:
 
     @property
     def chosen(self) -> Indices:
+        """The points with a positive multiplier, (c,)."""
         return self.points[self.x > 0]
 
     def refreshed(self, count: int) -> Candidates:

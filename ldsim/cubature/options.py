@@ -1,0 +1,91 @@
+"""What can be said to the choice of cubature rules, declared once: the section `cubature` of a configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from ldsim.options import Field, Options, Positive, Seed
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class TermOptions(Options):
+    """What a fit takes in besides the forces of the decoded poses; 0 leaves it out."""
+
+    volume: Annotated[float, Field(ge=0, description="Weight of the total volume, relative to the forces.")] = 0.3
+    tangent: Annotated[float, Field(ge=0, description="Weight of the tangent stiffness at the poses.")] = 0.0
+    energy: Annotated[float, Field(ge=0, description="Weight of the energy of the poses.")] = 0.0
+    perturbed: Annotated[Share, Field(description="Perturbed states fitted too, as a share of the poses.")] = 0.0
+    closure: Annotated[
+        Share, Field(description="Share of the true poses' forces in the target; latent space only.")
+    ] = 0.0
+
+
+class FitOptions(Options):
+    """How a rule is fitted to the forces of some poses."""
+
+    method: Annotated[
+        Literal["exchange", "ecsw", "an", "nn_htp", "uniform"],
+        Field(description="How the points are found (docs/guide/cubature.md)."),
+    ] = "exchange"
+    project: Annotated[
+        Literal["latent", "linear"],
+        Field(description="Forces of the latent rule: through the decoder's Jacobian, or in the space of U."),
+    ] = "latent"
+    norm: Annotated[
+        Literal["compliance", "force"],
+        Field(description="Forces measured by the displacement energy they cause at rest, or by their size."),
+    ] = "compliance"
+    tolerance: Annotated[
+        float, Field(gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+    ] = 0.035
+    max_points: Annotated[int, Field(ge=1, description="Most points of the latent rule.")] = 150
+    terms: TermOptions = TermOptions()
+    perturbation: Annotated[
+        Positive, Field(description="Distance of perturbed states from poses, in standard deviations of the poses.")
+    ] = 0.1
+    candidates: Annotated[
+        int, Field(ge=1, description="Most points looked at, drawn at random where there are more.")
+    ] = 50_000
+    seed: Annotated[Seed, Field(description="Of the choice of poses and candidates.")] = 0
+
+
+class VirtualOptions(Options):
+    """How virtual points are fitted: points with strain maps of their own."""
+
+    points: Annotated[int, Field(ge=0, description="Most virtual points of the latent rule; 0 for none.")] = 24
+    linear_points: Annotated[int, Field(ge=0, description="The same for the linear rule.")] = 0
+    poses: Annotated[
+        int, Field(ge=2, description="Most poses to fit; half recorded ones where there are synthetic ones too.")
+    ] = 5000
+    closures: Annotated[
+        tuple[Share, ...],
+        Field(min_length=1, description="Shares of the true poses' forces to fit to; the best online is kept."),
+    ] = (0.0, 1.0)
+    steps: Annotated[int, Field(ge=1, description="Of Adam.")] = 5000
+    batch: Annotated[int, Field(ge=1, description="States in one gradient.")] = 256
+    rate: Annotated[
+        float, Field(gt=0, lt=1, description="Largest step, in root mean squares of the strain maps' columns.")
+    ] = 3e-3
+
+
+class CubatureOptions(FitOptions):
+    """The choice of the rules of the latent space and of its linear rival."""
+
+    linear_max_points: Annotated[int, Field(ge=1, description="Most points of the linear rule.")] = 500
+    poses: Annotated[int, Field(ge=1, description="Poses of the training motions to fit.")] = 400
+    heldout_poses: Annotated[int, Field(ge=1, description="Poses of the training motions kept back from the fit.")] = (
+        200
+    )
+    virtual: VirtualOptions = VirtualOptions()
+    threads: Annotated[
+        int, Field(ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
+    ] = 0
+
+    def linear(self) -> CubatureOptions:
+        """The same for the linear space: its own sizes, and no closure, for its poses are the true ones."""
+        return self.replace(
+            max_points=self.linear_max_points,
+            terms=self.terms.replace(closure=0.0),
+            virtual=self.virtual.replace(points=self.virtual.linear_points),
+        )

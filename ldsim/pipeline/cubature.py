@@ -1,0 +1,185 @@
+"""The stage cubature: rules of every size and virtual points for the latent space and its linear rival."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.artefacts.records import write_cubature
+from ldsim.cubature.choose import Judge, PoseSplit, choose_on_mesh, choose_virtual
+from ldsim.cubature.options import CubatureOptions
+from ldsim.cubature.path import RulePath, VirtualFit
+from ldsim.cubature.rule import CubatureRule
+from ldsim.cubature.samples import PoseSpace
+from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.jit import one_thread
+from ldsim.pipeline.comparison import Reference, windowed_error
+from ldsim.pipeline.progress import SILENT, Progress
+from ldsim.run import Run
+from ldsim.space.lifting import Lifting
+from ldsim.space.projection import all_coordinates
+from ldsim.space.space import Space
+
+Array = NDArray[np.float64]
+
+INPUTS = ("scene", "snapshots", "basis", "model")
+# Seconds between restarts of the runs that virtual points are judged by.
+WINDOW = 0.25
+
+
+def cubature(
+    run: Run, options: CubatureOptions = CubatureOptions(), progress: Progress = SILENT
+) -> dict[str, RulePath]:
+    """Choose the cubature rules of the latent space and of the linear space of kp columns, and write cubature.h5.
+
+    A rule that misses the tolerance is written all the same, and a warning is told (`RulePath.meets`).
+
+    Raises:
+        ArtefactError: scene, snapshots, basis or model is missing, or they do not belong together.
+        SolverError: there are fewer poses than asked for, or their energy is infinite.
+    """
+    stage = run.stage("cubature", options)
+    run.require(*INPUTS)
+    poses = _Poses(run, options.threads)
+    split = PoseSplit.of(len(poses.q), poses.recorded, options)
+    found: dict[str, RulePath] = {}
+    seconds: dict[str, float] = {}
+    for space in (poses.latent(), poses.linear()):
+        name = space.space.name
+        started = time.perf_counter()
+        own = options if name == "latent" else options.linear()
+        with one_thread(), progress.bar(f"cubature {name}", None, "rule") as bar:
+
+            def told(points: int, error: float) -> None:
+                bar.say(f"{points} points, relative error {error:.3f}")
+                bar.update()
+
+            path = choose_on_mesh(space, split, own, told)
+        if not path.meets(own.tolerance):
+            progress.tell(_miss(name, path.best, own))
+        found[name] = replace(path, virtual=_virtual(run, space, path, split, own, progress))
+        seconds[f"{name}_seconds"] = time.perf_counter() - started
+    header = stage.header("cubature", INPUTS, options.seed, **seconds)
+    write_cubature(run.path("cubature"), header, found)
+    run.written("cubature")
+    return found
+
+
+class _Poses:
+    """All training poses of a run: those of the snapshots and after them those of synthetic motions.
+
+    Attributes:
+        q: their coordinates in all columns of the basis, (N, k).
+        recorded: how many are of snapshots.
+    """
+
+    def __init__(self, run: Run, threads: int) -> None:
+        self._run, self._threads = run, threads
+        names = run.snapshots.with_role("train")
+        motions = [run.recorded(name).motion for name in names]
+        self._lifting = Lifting.of(run.scene, motions)
+        self._read = run.snapshots.frame_reader(names)
+        chunks = self._lifting.taken_off(lambda: run.snapshots.chunks(names), motions)
+        self.q = all_coordinates(chunks, run.basis)
+        self.recorded = len(self.q)
+        if run.model.synthetic is not None:
+            self.q = np.concatenate([self.q, run.model.synthetic])
+        a = self._lifting.all_coordinates(motions)
+        self._given = np.pad(a, ((0, len(self.q) - self.recorded), (0, 0)))  # pins stand still in synthetic motions
+        self._stiffness = reduced_rest_stiffness(run.scene, run.basis)
+
+    def latent(self) -> PoseSpace:
+        """In the latent space."""
+        run = self._run
+        networks = run.model.decoder, run.model.encoder
+        return self._space(Space.latent(run.scene, run.basis, networks), run.model.encoder(self.q))
+
+    def linear(self) -> PoseSpace:
+        """In the linear rival, of kp columns."""
+        kp = self._run.model.kp
+        return self._space(Space.linear(self._run.scene, self._run.basis, kp), self.q[:, :kp])
+
+    def _space(self, space: Space, z: Array) -> PoseSpace:
+        k, lifted = space.decoder.k, space.with_lifting(self._lifting)
+        stiffness = self._stiffness[:k, :k]
+        return PoseSpace(lifted, stiffness, z, self._displacement, self._given, self._threads)
+
+    def _displacement(self, t: int) -> NDArray[np.floating]:
+        """Of a pose, (n, 3): as the full space had it, or, where it never was there, as the whole basis has it."""
+        return self._read(t) if t < self.recorded else (self._run.basis.matrix @ self.q[t]).reshape(-1, 3)
+
+
+def _virtual(
+    run: Run,
+    space: PoseSpace,
+    path: RulePath,
+    split: PoseSplit,
+    options: CubatureOptions,
+    progress: Progress,
+) -> VirtualFit | None:
+    """The virtual points of a space, where some are asked for and worth having."""
+    asked, name = options.virtual, space.space.name
+    if not asked.points:
+        return None
+    title, total = f"cubature {name}, virtual", asked.steps * len(asked.closures)
+    with one_thread(), progress.bar(title, total, "step") as bar:
+        bar.say("forces of the poses")
+
+        def told(step: int, error: float) -> None:
+            bar.say(f"relative error {error:.3f}")
+            bar.reach(step)
+
+        found = choose_virtual(space, path, split, asked, _judge(run, space.space), told)
+    if not found.worse_than_mesh:
+        return found
+    errors = ", ".join(f"{error:.3g} with closure {share:g}" for share, error in found.judged[1:])
+    progress.tell(
+        f"note: no virtual points for the {name} space: on the training motions they are off by {errors}, and "
+        f"{len(path.best.points)} points of the mesh by {found.judged[0, 1]:.3g}"
+    )
+    return None
+
+
+def _judge(run: Run, space: Space) -> Judge | None:
+    """The windowed online error of a rule on the training motions; None where these are quasi-static."""
+    if run.header("snapshots").notes.get("quasistatic", 0):
+        return None
+    names = run.snapshots.with_role("train")
+
+    def judge(rule: CubatureRule) -> float:
+        errors = []
+        for name in names:
+            recorded = run.recorded(name)
+            reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
+            errors.append(windowed_error(space.with_rule(rule), reference, WINDOW))
+        return float(np.average(errors, weights=[run.snapshots.frames(name) for name in names]))
+
+    return judge
+
+
+def _miss(name: str, best: CubatureRule, options: CubatureOptions) -> str:
+    return (
+        f"warning: the {name} cubature reached a relative error of {best.training_error:.3f} with {len(best.points)} "
+        f"points, asked were {options.tolerance:g} with at most {options.max_points}; it was written all the same"
+    )
+
+
+def summary(found: dict[str, RulePath]) -> str:
+    """The sizes and errors of the rules of each space, in one line."""
+    return "; ".join(_summary(name, path) for name, path in found.items())
+
+
+def _summary(name: str, path: RulePath) -> str:
+    told = f"{name}: {len(path.best.points)} points, {_errors(path.best)}"
+    if path.virtual is not None:
+        rule, closure = path.virtual.rule, path.virtual.closure
+        told += f"; {len(rule.points)} virtual points, {_errors(rule)}, closure {closure:g}"
+    return told
+
+
+def _errors(rule: CubatureRule) -> str:
+    errors = rule.training_error, rule.heldout_error, rule.perturbed_error
+    return "relative error {:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
