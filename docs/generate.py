@@ -89,11 +89,11 @@ HEADER_MEANINGS = {
 }
 
 SYMBOLS = (
-    "n vertices · m cells · a nodes of a cell (in cubature.h5: points of all sets together) · s quadrature points · "
+    "n vertices · m cells · a nodes of a cell (in cubature.h5: points of all rules together) · s quadrature points · "
     "N frames (in `singular_values`: training snapshots) · k PCA dimension · r latent dimension · c cubature points · "
     "D drags · T frames of all drags together · H held vertices of all drags together · S moving "
-    "supports · V their vertices together · v vertices of a group (there c its cells) · d = 3n · e = k + 1 · l sets of "
-    "the ladder · i, o inputs and outputs of a layer."
+    "supports · V their vertices together · v vertices of a group (there c its cells) · d = 3n · e = k + 1 · l rules "
+    "of the path · i, o inputs and outputs of a layer."
 )
 
 NOTES = {
@@ -103,8 +103,8 @@ NOTES = {
     "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
     "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
     "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](../guide/theory.md)).",
-    "cubature": "The groups are `latent` and `linear`. A ladder holds sets of growing size and falling error; the last "
-    "is the one in `points` and `weights`. The header also has the seconds that each of the two fits took.",
+    "cubature": "The groups are `latent` and `linear`. The rules of a path are of growing size and "
+    "falling error; `chosen` is the one that the fit was for. The header also has the seconds that each of the two fits took.",
     "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space "
     "is timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there "
     "on. The header also names the minimiser that was fastest in each space.",
