@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace
 from ldsim.cubature.terms import ForceTerm
-from ldsim.mechanics.materials import MATERIALS, energy, lame_parameters
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.mechanics.materials.kernels import energy
+from ldsim.mechanics.properties import lame_parameters
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.space.basis import Basis
