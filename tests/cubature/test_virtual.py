@@ -17,6 +17,7 @@ from ldsim.cubature.virtual import MovablePoints, Targets, fit_virtual, virtual_
 from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.space.lifting import Lifting
 from tests.cubature.cubature_problems import beam_scene, latent_problem, two_materials
@@ -188,7 +189,7 @@ def test_a_solid_of_virtual_points_rests_at_rest(space: PoseSpace) -> None:
     found = virtual(space, rules_of(space, 6)).rule
     weightless = replace(space.scene, gravity=np.zeros(3))
     stepper = ReducedStepper(replace(space.space, scene=weightless, rule=found))
-    state, solution = stepper.step(stepper.rest())
+    state, solution = stepper.step(stepper.rest(), Loads())
     assert solution.iterations == 0
     assert not state.q.any()
 
