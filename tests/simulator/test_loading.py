@@ -55,7 +55,7 @@ def test_a_smaller_cubature_can_be_asked_for(run: Path) -> None:
 def test_virtual_points_are_stepped_unless_points_of_the_mesh_are_asked_for(run: Path) -> None:
     stored = read_cubature(run / "cubature.h5")[0]["latent"]
     assert stored.virtual is not None
-    few = len(stored.virtual.cubature.points)
+    few = len(stored.virtual.rule.points)
     virtual, on_mesh, again = load(run), load(run, points=few), load(run, points=few)
     for sim in (virtual, on_mesh, again):
         assert len(sim.space.rule.points) == few
