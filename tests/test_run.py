@@ -138,7 +138,7 @@ def test_the_usual_tolerance_is_that_of_the_space(folder: Path) -> None:
 def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(folder: Path) -> None:
     run = Run.open(folder)
     every = run.scene.points.n_points
-    few = len(run.cubature["latent"].ladder[0].points)
+    few = len(run.cubature["latent"].rules[0].points)
     assert run.space("latent").rule.maps is not None
     for points, found in ((every, every), (every - 1, few), (few, few)):
         rule = run.space("latent", points).rule
