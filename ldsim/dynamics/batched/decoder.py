@@ -31,7 +31,7 @@ _BY_NAME = {
 BY_NUMBER = {number: _BY_NAME[name] for name, number in ACTIVATIONS.items()}
 
 
-class Tangents(NamedTuple):
+class DecoderTangents(NamedTuple):
     """φ and its derivatives at a batch of z.
 
     q (n, k); jacobian (n, r, k), transposed; outputs: the activations of each hidden layer, (n, h); inputs: what goes
@@ -107,20 +107,20 @@ class BatchedDecoder:
         back = back @ self.weights[0].T
         return back if self.skip is None else back + v @ self.skip.T, arrived[::-1]
 
-    def tangents(self, z: Tensor) -> Tangents:
+    def tangents(self, z: Tensor) -> DecoderTangents:
         """φ with its Jacobian, forward through the layers."""
         q, outputs = self.forward(z)
         n = len(z)
         if not self.weights:
-            return Tangents(q, torch.eye(self.r, dtype=z.dtype, device=z.device).expand(n, -1, -1), (), ())
+            return DecoderTangents(q, torch.eye(self.r, dtype=z.dtype, device=z.device).expand(n, -1, -1), (), ())
         inputs: list[Tensor] = []
         change = self.weights[0].expand(n, -1, -1)
         for i, output in enumerate(outputs):
             inputs.append(change)
             change = (change * self.activation.slope(output)[:, None]) @ self.weights[i + 1]
-        return Tangents(q, change if self.skip is None else change + self.skip, outputs, tuple(inputs))
+        return DecoderTangents(q, change if self.skip is None else change + self.skip, outputs, tuple(inputs))
 
-    def curvature(self, at: Tangents, v: Tensor) -> Tensor:
+    def curvature(self, at: DecoderTangents, v: Tensor) -> Tensor:
         """Σᵢ vᵢ ∂²φᵢ/∂z², (n, k) → (n, r, r): Σ over hidden units of σ'' times what arrives times the outer product."""
         total = torch.zeros(len(v), self.r, self.r, dtype=v.dtype, device=v.device)
         for output, change, arrived in zip(at.outputs, at.inputs, self.pull_back(at.outputs, v)[1], strict=True):
