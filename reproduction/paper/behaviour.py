@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.fit import fit
-from ldsim.cubature.forces import ProjectedForces
-from ldsim.cubature.goal import Goal
-from ldsim.cubature.selection import split_poses
+from ldsim.cubature.choose import PoseSplit, choose_on_mesh, split_poses
+from ldsim.cubature.options import FitOptions
+from ldsim.cubature.samples import PoseSpace
+from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
@@ -65,9 +65,10 @@ def one_cubature_point(bench: Bench) -> Outcome:
 
 def _with_single_point(space: Space, q: Array) -> Space:
     z = space.encoder(q)
-    poses, _ = split_poses(len(z), min(POSES, len(z) - 1), 0, seed=0)
-    forces = ProjectedForces(space.scene, space.reduced_basis.matrix, space.decoder, z[poses])
-    return space.with_rule(fit(forces, Goal(1e-6, 1)).best)
+    split = PoseSplit(*split_poses(len(z), min(POSES, len(z) - 1), 1, seed=0), recorded=len(z))
+    poses = PoseSpace(space, reduced_rest_stiffness(space.scene, space.reduced_basis), z)
+    options = FitOptions(tolerance=1e-6, max_points=1, norm="force")
+    return space.with_rule(choose_on_mesh(poses, split, options).best)
 
 
 def _reach(space: Space, trajectory: Trajectory) -> Array:
