@@ -104,8 +104,8 @@ NOTES = {
     "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
     "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](../guide/theory.md)).",
     "cubature": "The groups are `latent` and `linear`. The rules of a path are of growing size and "
-    "falling error; `chosen` is the one that the fit was for. The header also has the seconds that each of the two fits "
-    "took.",
+    "falling error; `chosen` is the one that the fit was for. The header also has the seconds that each of the two "
+    "fits took.",
     "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space "
     "is timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there "
     "on. The header also names the minimiser that was fastest in each space.",
