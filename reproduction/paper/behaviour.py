@@ -16,8 +16,9 @@ from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.space import Space
-from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
+from reproduction.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
 from reproduction.paper.scenes import bar, catapult, dragon, elephant
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ BOUND = 3.0
 STIFFER = 2.0
 
 
-def one_cubature_point(bench: Bench) -> Outcome:
+def one_cubature_point(bench: Harness) -> Outcome:
     """Figure 10: the catapult with a single cubature point, latent with r = 2 against PCA-6."""
     with Run.open(bench.made(catapult(bench.quick), "train")) as run, one_thread():
         motion, q = run.snapshots.names[0], training_coordinates(run)
@@ -82,7 +83,7 @@ def _largest(values: Array) -> float:
     return float(values.max()) if np.isfinite(values).all() else float("inf")
 
 
-def cubature_against_every_element(bench: Bench) -> Outcome:
+def cubature_against_every_element(bench: Harness) -> Outcome:
     """Figure 11: the dragon at E = 1e5 Pa in the latent space against full space, with and without cubature."""
     with Run.open(bench.made(dragon(bench.quick), "cubature")) as run, one_thread():
         motion, rule = run.snapshots.names[0], run.cubature["latent"].best
@@ -105,7 +106,7 @@ def cubature_against_every_element(bench: Bench) -> Outcome:
     return Outcome(to_svg(figure, label), {"online_error": errors}, relations)
 
 
-def material_after_training(bench: Bench) -> Outcome:
+def material_after_training(bench: Harness) -> Outcome:
     """Figure 14: the bar at E = 1e5 Pa as trained, and stiffened after training, against the full space."""
     folder = bench.made(bar(bench.quick), "train")
     other = bench.made(bar(bench.quick, youngs_modulus=STIFFER * 1e5), "snapshot")
@@ -136,7 +137,7 @@ def material_after_training(bench: Bench) -> Outcome:
     return Outcome(to_svg(figure, label), {"online_error": errors}, relations)
 
 
-def local_pull(bench: Bench) -> Outcome:
+def local_pull(bench: Harness) -> Outcome:
     """Figure 15: a pull on the elephant's arm moves the far half of a reduced elephant more than the full one's."""
     name = "local_effect"
     with Run.open(bench.made(elephant(bench.quick), "train")) as run, one_thread():

@@ -21,8 +21,9 @@ from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.encoder import nearest_latent
 from ldsim.space.space import Space
-from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import latent, training_coordinates
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
+from reproduction.reduced_runs import latent, training_coordinates
 from reproduction.paper.scenes import cross
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ def _solves(run: Run) -> dict[str, Solve]:
     }
 
 
-def convergence(bench: Bench) -> Outcome:
+def convergence(bench: Harness) -> Outcome:
     """Iterations, evaluations and final potential of each space, and the potential on the way."""
     with Run.open(bench.made(cross(bench.quick), "train")) as run, one_thread():
         solves = _solves(run)

@@ -6,8 +6,9 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+
+from reproduction.harness import Harness
 
 COMPARISONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
@@ -51,26 +52,9 @@ class Outcome:
     relations: tuple[Relation, ...]
 
 
-class Bench(Protocol):
-    """Where experiments are made: runs of the pipeline, and results that need not be made twice."""
-
-    @property
-    def quick(self) -> bool:
-        """Whether a small version is wanted."""
-
-    def made(self, configuration: Mapping[str, Any], last: str) -> Path:
-        """The folder of a run that is finished up to the stage `last`; stages that are up to date are not run."""
-
-    def file(self, name: str, text: str) -> Path:
-        """A small input file with this content."""
-
-    def remembered(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """A result, computed once and kept; `name` must tell all that it depends on besides the runs made."""
-
-
 @dataclass(frozen=True)
 class Experiment:
     """An entry of the table: what the paper shows, and the function that shows it."""
 
     shows: str
-    run: Callable[[Bench], Outcome]
+    run: Callable[[Harness], Outcome]

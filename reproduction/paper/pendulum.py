@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.space import Space
-from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import displacements, largest_error, latent, play, training_coordinates
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
+from reproduction.reduced_runs import displacements, largest_error, latent, play, training_coordinates
 from reproduction.paper.scenes import Configuration
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ def swing(frames: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _configuration(bench: Bench) -> Configuration:
+def _configuration(bench: Harness) -> Configuration:
     frames, resolution = (200, 1) if bench.quick else (800, 2)
     recording = bench.file(f"swing_{frames}.csv", swing(frames))
     return {
@@ -69,7 +70,7 @@ def _draw(paths: dict[str, Array], label: str) -> str:
     return to_svg(figure, label)
 
 
-def one_coordinate_is_enough(bench: Bench) -> Outcome:
+def one_coordinate_is_enough(bench: Harness) -> Outcome:
     """Figure 2: the snapshots of the swing as each space can represent them."""
     with Run.open(bench.made(_configuration(bench), "train")) as run:
         q = training_coordinates(run)
@@ -99,7 +100,7 @@ def one_coordinate_is_enough(bench: Bench) -> Outcome:
     return Outcome(figure, {"max_mm": errors}, relations)
 
 
-def larger_bends(bench: Bench) -> Outcome:
+def larger_bends(bench: Harness) -> Outcome:
     """Figure 3: the swing simulated with one degree of freedom, linear and nonlinear."""
     with Run.open(bench.made(_configuration(bench), "train")) as run:
         spaces = {f"PCA-{k}": Space.linear(run.scene, run.basis, k) for k in (1, 2)} | {"autoencoder-1": latent(run)}

@@ -14,8 +14,9 @@ from ldsim.learn.training import Trained, train
 from ldsim.report.svg import INK, PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.space import Space
-from reproduction.paper.experiment import Bench, Outcome, Relation
-from reproduction.paper.reduced_runs import largest_error, play, training_coordinates
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
+from reproduction.reduced_runs import largest_error, play, training_coordinates
 from reproduction.paper.scenes import bar, cross
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ def _trained(run: Run, r: int, k: int, options: TrainOptions) -> tuple[Trained, 
     return trained, largest_error(run, trained.decoder(trained.encoder(q)))
 
 
-def depth(bench: Bench) -> Outcome:
+def depth(bench: Harness) -> Outcome:
     """Figure 6: error and step time against the number of hidden layers (X, r 6, k 19, width 200)."""
     epochs, width, repeats = (200, 60, 1) if bench.quick else (500, 200, 3)
     depths = range(1, 7)
@@ -90,7 +91,7 @@ def _share_of_gain(errors: list[float]) -> float:
     return (errors[0] - errors[1]) / gain if gain > 0 else 1.0
 
 
-def latent_and_outer_size(bench: Bench) -> Outcome:
+def latent_and_outer_size(bench: Harness) -> Outcome:
     """Figure 7: largest training error against r, for several k (beam)."""
     rs, ks = ((1, 3, 6, 10), (6, 10, 20)) if bench.quick else ((1, 3, 6, 10, 15, 20), (3, 6, 10, 15, 20, 30))
     epochs, repeats = (300, 1) if bench.quick else (500, 3)

@@ -1,4 +1,4 @@
-"""The experiments of the paper. To add one, write a function that takes a `Bench` and list it here."""
+"""The experiments of the paper. To add one, write a function that takes a `Harness` and list it here."""
 
 from __future__ import annotations
 

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from ldsim.report.paper import paper_row
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from ldsim.run import Run
-from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration, armadillo, bar, cross, elephant
 
 
@@ -28,7 +29,7 @@ class Side:
     online_error: float | None
 
 
-def sides(bench: Bench, configuration: Configuration) -> dict[str, Side]:
+def sides(bench: Harness, configuration: Configuration) -> dict[str, Side]:
     """Space → what its run of the first training motion took, the whole pipeline made where it is not."""
     found = {}
     with Run.open(bench.made(configuration, "simulate")) as run:
@@ -46,7 +47,7 @@ def sides(bench: Bench, configuration: Configuration) -> dict[str, Side]:
     return found
 
 
-def table_one(bench: Bench) -> Outcome:
+def table_one(bench: Harness) -> Outcome:
     """Table 1: dimensions and step times of x, beam and elephant."""
     configurations = {"x": cross(bench.quick), "beam": bar(bench.quick), "elephant": elephant(bench.quick)}
     if bench.quick:
@@ -76,7 +77,7 @@ def table_relations(ratios: dict[str, float], dimensions: dict[str, tuple[int, i
     return (*smaller, *faster, Relation("geometric mean of linear over latent step", mean, ">= 1.21"))
 
 
-def profile(bench: Bench) -> Outcome:
+def profile(bench: Harness) -> Outcome:
     """Figure 12: evaluations a step and the cost of one evaluation, linear and latent (armadillo)."""
     found = sides(bench, armadillo(bench.quick))
     linear, latent = found["linear"], found["latent"]
@@ -90,7 +91,7 @@ def profile(bench: Bench) -> Outcome:
     return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
 
 
-def armadillo_speed(bench: Bench) -> Outcome:
+def armadillo_speed(bench: Harness) -> Outcome:
     """Figure 13: the armadillo with r = 20 against the linear space of equal training error."""
     found = sides(bench, armadillo(bench.quick))
     linear, latent = found["linear"], found["latent"]

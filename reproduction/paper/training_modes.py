@@ -15,9 +15,10 @@ from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import train
 from ldsim.report.svg import PALETTE, log_scale, new_axes, to_svg
 from ldsim.run import Run
-from reproduction.paper.experiment import Bench, Outcome, Relation
+from reproduction.harness import Harness
+from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.full_space import train_full_space
-from reproduction.paper.reduced_runs import displacements
+from reproduction.reduced_runs import displacements
 from reproduction.paper.scenes import coarse_bar
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ NAMES = {
 }
 
 
-def training_modes(bench: Bench) -> Outcome:
+def training_modes(bench: Harness) -> Outcome:
     """Figure 5: mean squared error and training time of the four modes (a coarse beam, r 5, k 15, [200, 200])."""
     epochs, width = (200, 60) if bench.quick else (2000, 200)
     options = TrainOptions(hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=0.01)

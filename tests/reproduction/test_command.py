@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from reproduction.harness import Harness
 from reproduction.paper import command
-from reproduction.paper.command import PipelineBench
-from reproduction.paper.experiment import Bench, Experiment, Outcome, Relation
+from reproduction.paper.experiment import Experiment, Outcome, Relation
 from reproduction.paper.table import EXPERIMENTS
 from tests.cli.experiments import refused
 
 FIGURE = "<svg></svg>"
 
 
-class TinyBench(PipelineBench):
+class TinyHarness(Harness):
     """Makes every run a few seconds' work."""
 
     def made(self, configuration: Mapping[str, Any], last: str) -> Path:
@@ -43,11 +43,11 @@ def invoke(*arguments: str, runs: Path) -> Result:
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "PipelineBench", TinyBench)
+    monkeypatch.setattr(command, "Harness", TinyHarness)
 
 
 def made_up(value: float) -> Experiment:
-    def run(bench: Bench) -> Outcome:
+    def run(bench: Harness) -> Outcome:
         kept = bench.remembered("a number", lambda: {"value": value})
         return Outcome(FIGURE, {"kept": kept, "wild": [float("nan")]}, (Relation("the number", kept["value"], "< 1"),))
 
@@ -76,7 +76,7 @@ def test_an_experiment_leaves_a_picture_a_record_and_a_verdict(name: str, tmp_pa
 
 @pytest.mark.usefixtures("tiny")
 def test_a_changed_setting_makes_its_stage_and_those_after_it_again(tmp_path: Path) -> None:
-    bench = TinyBench(tmp_path, "some", True)
+    bench = TinyHarness(tmp_path, "some", True)
     configuration: dict[str, Any] = {
         "experiment": "some",
         "mesh": {
@@ -96,7 +96,7 @@ def test_a_changed_setting_makes_its_stage_and_those_after_it_again(tmp_path: Pa
 
 
 def test_what_is_remembered_is_not_computed_again(tmp_path: Path) -> None:
-    bench = PipelineBench(tmp_path, "some", False)
+    bench = Harness(tmp_path, "some", False)
     assert bench.remembered("a", lambda: {"value": 1}) == {"value": 1}
     assert bench.remembered("a", lambda: {"value": 2}) == {"value": 1}
     assert bench.remembered("b", lambda: {"value": 2}) == {"value": 2}

@@ -1,0 +1,211 @@
+"""What experiments and benchmarks share: runs made by the pipeline's stages, results with where and when, a usage."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ldsim import __version__
+from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.store import STAGE_OF, check_inputs, read_header, reading
+from ldsim.cli.stage import Bars
+from ldsim.errors import ArtefactError
+from ldsim.pipeline.cubature import cubature
+from ldsim.pipeline.mesh import mesh
+from ldsim.pipeline.pca import pca
+from ldsim.pipeline.progress import Progress
+from ldsim.pipeline.simulate import simulate
+from ldsim.pipeline.snapshot import snapshot
+from ldsim.pipeline.train import train
+from ldsim.report.machine import describe_machine
+from ldsim.run import Run
+from ldsim.settings import STAGES, Settings, input_files, settings_of
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "reproduction" / "results"
+PICTURES = ROOT / "docs" / "pictures"
+CONFIGS = ROOT / "configs"
+
+Row = dict[str, Any]
+Stage = Callable[[Run, Settings, Progress, Path], object]
+
+WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
+FUNCTIONS: dict[str, Stage] = {
+    "mesh": lambda run, settings, progress, base: mesh(run, settings.mesh, progress, base),
+    "snapshot": lambda run, settings, progress, base: snapshot(run, settings.snapshot, progress, base),
+    "pca": lambda run, settings, progress, base: pca(run, settings.pca, progress),
+    "train": lambda run, settings, progress, base: train(run, settings.train, progress),
+    "cubature": lambda run, settings, progress, base: cubature(run, settings.cubature, progress),
+    "simulate": lambda run, settings, progress, base: simulate(run, settings.simulate, progress),
+}
+
+
+@dataclass(frozen=True)
+class Harness:
+    """Makes an experiment's runs by the pipeline's own stages, and keeps results that need not be made twice.
+
+    Attributes:
+        runs: the folder of all runs; results lie in its folder `paper`.
+        name: of the experiment.
+        quick: whether the small version is wanted.
+    """
+
+    runs: Path
+    name: str
+    quick: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """Where results lie."""
+        return self.runs / "paper" / (f"{self.name}-quick" if self.quick else self.name)
+
+    def made(self, configuration: Mapping[str, Any], last: str) -> Path:
+        """The folder of a run finished up to a stage; stages whose artefact fits the configuration are left alone."""
+        settings = settings_of(configuration, f"paper {self.name}")
+        folder = self.runs / settings.experiment
+        wanted = STAGES[: STAGES.index(last) + 1]
+        for stage in wanted:
+            input_files(settings, stage, folder)  # what is missing is said before anything runs
+        with replacing(folder / "paper.yaml") as temporary:
+            temporary.write_text(settings.dump(), encoding="utf-8")
+        return finished(folder, settings, wanted, folder)
+
+    def file(self, name: str, text: str) -> Path:
+        """A small input file of this content, in the folder of the results."""
+        path = (self.folder / name).resolve()
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            with replacing(path) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        return path
+
+    def remembered(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """A result, computed once a version and kept; `name` must tell all that it depends on besides the runs."""
+        path = self.folder / "remembered.json"
+        known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        key = f"{name}; ldsim {__version__}"
+        if key not in known:
+            known[key] = compute()
+            print(f"{self.name}: {name}: {json.dumps(known[key])}", file=sys.stderr)
+            write_json(path, known)
+        result: dict[str, Any] = known[key]
+        return result
+
+
+def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path) -> Path:
+    """The folder of a run after some stages; those whose artefact fits the settings are left alone.
+
+    Args:
+        base: the folder that paths in the settings are relative to.
+    """
+    with Run(folder, settings.experiment) as run:
+        for stage in stages:
+            if not up_to_date(folder, settings, stage):
+                FUNCTIONS[stage](run, settings, Bars(), base)
+    return folder
+
+
+def up_to_date(folder: Path, settings: Settings, stage: str) -> bool:
+    """Whether a stage's artefact is whole and was made with these settings from the files that lie there."""
+    path = folder / f"{WRITES[stage]}.h5"
+    try:
+        with reading(path, WRITES[stage]) as file:
+            header = read_header(file)
+        check_inputs(path, header, {kind: folder / f"{kind}.h5" for kind in header.inputs})
+    except ArtefactError:
+        return False
+    return header.settings == settings.section(stage).dump()
+
+
+def row(model: str, quantity: str, value: object, unit: str = "", goal: str | None = None) -> Row:
+    """One measured number, null where a run was lost; the goal is a comparison such as ">= 10"."""
+    lost = isinstance(value, float) and not math.isfinite(value)
+    return {"model": model, "quantity": quantity, "value": None if lost else value, "unit": unit, "goal": goal}
+
+
+def show(rows: Sequence[Row], title: str | None = None) -> None:
+    """Print rows, a line of a table each, under a title where one is given."""
+    if title is not None:
+        print(f"\n## {title}\n\n| model | quantity | value | unit | goal |\n|---|---|---|---|---|")
+    for r in rows:
+        value = "–" if r["value"] is None else f"{r['value']:.4g}" if isinstance(r["value"], float) else r["value"]
+        print(f"| {r['model']} | {r['quantity']} | {value} | {r['unit']} | {r['goal'] or ''} |", flush=True)
+
+
+def parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Of the arguments of `python -m reproduction.bench.NAME`."""
+    return argparse.ArgumentParser(
+        prog=f"python -m reproduction.bench.{name}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def called(name: str) -> str:
+    """The command that a benchmark was called by; a path becomes one in runs/, for it says nothing elsewhere."""
+    words = [f"runs/{Path(word).name}" if "/" in word else word for word in sys.argv[1:]]
+    return " ".join(["python -m", f"reproduction.bench.{name}", *words])
+
+
+def origin(command: str, machine: Mapping[str, Any] | None = None, created: str | None = None) -> dict[str, Any]:
+    """Where results come from: machine and versions, command, commit and time.
+
+    Args:
+        machine: where it was measured, as `describe_machine` says it; by default here.
+        created: when, in ISO format; by default now.
+    """
+    described = describe_machine() if machine is None else machine
+    return {
+        "machine": {key: value for key, value in described.items() if key != "versions"},
+        "versions": described["versions"],
+        "command": command,
+        "commit": _commit(),
+        "created": created or datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def write_results(
+    name: str,
+    command: str,
+    rows: Sequence[Row],
+    machine: Mapping[str, Any] | None = None,
+    created: str | None = None,
+) -> Path:
+    """Write results/NAME.json, which is committed, so that history shows; returns the file. See `origin`."""
+    path = RESULTS / f"{name}.json"
+    write_json(path, origin(command, machine, created) | {"rows": rows})
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON with null for every number that JSON does not know."""
+    text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def _commit() -> str | None:
+    """What is checked out; null outside of a repository."""
+    command = ["git", "describe", "--always", "--abbrev=12", "--dirty"]
+    try:
+        found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return found.stdout.strip()
