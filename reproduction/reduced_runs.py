@@ -1,6 +1,9 @@
-"""What the experiments read of a run, and playing its motions in spaces of other sizes."""
+"""Playing the motions of a run in reduced spaces of any size, judged by the full space."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,14 +12,17 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
+from ldsim.pipeline.comparison import Reference, restarts_every, run_reduced, with_errors
 from ldsim.run import Run
 from ldsim.space.projection import all_coordinates
 from ldsim.space.space import Space
+from reproduction.rivals.every_element import EveryElement
 
 Array = NDArray[np.float64]
 
 PLAYED = ReducedOptions(tolerance=1e-8)
+# Seconds between restarts from the full space, of the windowed error.
+WINDOW = 0.25
 
 
 def displacements(run: Run, motion: str) -> Array:
@@ -27,8 +33,7 @@ def displacements(run: Run, motion: str) -> Array:
 
 def training_coordinates(run: Run) -> Array:
     """q of the training snapshots, (N, k)."""
-    names = run.snapshots.with_role("train")
-    return all_coordinates(lambda: run.snapshots.chunks(names), run.basis)
+    return all_coordinates(run.chunks("train"), run.basis)
 
 
 def largest_error(run: Run, decoded: Array) -> float:
@@ -46,12 +51,30 @@ def latent(run: Run, rule: CubatureRule | None = None) -> Space:
     return Space.latent(run.scene, run.basis, (run.model.decoder, run.model.encoder), rule)
 
 
+def reference(run: Run, motion: str, frames: int | None = None) -> Reference:
+    """A motion, or its first frames, as it ran in the full space."""
+    recorded = run.recorded(motion)
+    moved = recorded.motion if frames is None else recorded.motion.first(frames)
+    return Reference(moved, recorded.held, run.snapshots.reader(motion))
+
+
 def play(
     run: Run, motion: str, space: Space, frames: int | None = None, options: ReducedOptions = PLAYED
 ) -> Trajectory:
-    """Run a motion in a space, beside its full-space run; with errors."""
-    recorded = run.recorded(motion)
-    count = min(frames or recorded.motion.frames, recorded.motion.frames)
-    reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(motion))
-    trajectory = run_reduced(ReducedStepper(space, options), reference, range(count))
-    return with_errors(trajectory, trajectory, space, reference)
+    """Run a motion in a space, beside its full-space run; with errors, but none windowed."""
+    return played(ReducedStepper(space, options), reference(run, motion, frames))
+
+
+def played(
+    stepper: ReducedStepper | EveryElement,
+    full: Reference,
+    window: float | None = None,
+    progress: Callable[[], object] | None = None,
+) -> Trajectory:
+    """A motion with its errors, where a window is given also restarted from the full space every so many seconds."""
+    stepper = cast(ReducedStepper, stepper)  # every element has all that is asked of it
+    whole = windowed = run_reduced(stepper, full, progress=progress)
+    if window is not None:
+        restart = restarts_every(stepper.scene, window)
+        windowed = run_reduced(stepper, full, restart=restart, progress=progress)
+    return with_errors(whole, windowed, stepper.space, full)

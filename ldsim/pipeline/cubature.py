@@ -43,11 +43,11 @@ def cubature(
     """
     stage = run.stage("cubature", options)
     run.require(*INPUTS)
-    poses = _Poses(run, options.threads)
+    poses = TrainingPoses(run, options.threads)
     split = PoseSplit.of(len(poses.q), poses.recorded, options)
     found: dict[str, RulePath] = {}
     seconds: dict[str, float] = {}
-    for space in (poses.latent(), poses.linear()):
+    for space in (poses.latent(), poses.linear(run.model.kp)):
         name = space.space.name
         started = time.perf_counter()
         own = options if name == "latent" else options.linear()
@@ -68,7 +68,7 @@ def cubature(
     return found
 
 
-class _Poses:
+class TrainingPoses:
     """All training poses of a run: those of the snapshots and after them those of synthetic motions.
 
     Attributes:
@@ -97,10 +97,9 @@ class _Poses:
         networks = run.model.decoder, run.model.encoder
         return self._space(Space.latent(run.scene, run.basis, networks), run.model.encoder(self.q))
 
-    def linear(self) -> PoseSpace:
-        """In the linear rival, of kp columns."""
-        kp = self._run.model.kp
-        return self._space(Space.linear(self._run.scene, self._run.basis, kp), self.q[:, :kp])
+    def linear(self, k: int) -> PoseSpace:
+        """In the linear space of the first k columns."""
+        return self._space(Space.linear(self._run.scene, self._run.basis, k), self.q[:, :k])
 
     def _space(self, space: Space, z: Array) -> PoseSpace:
         k, lifted = space.decoder.k, space.with_lifting(self._lifting)

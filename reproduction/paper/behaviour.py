@@ -18,8 +18,8 @@ from ldsim.run import Run
 from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
-from reproduction.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
 from reproduction.paper.scenes import bar, catapult, dragon, elephant
+from reproduction.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
 
 Array = NDArray[np.float64]
 

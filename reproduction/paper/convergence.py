@@ -23,8 +23,8 @@ from ldsim.space.encoder import nearest_latent
 from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
-from reproduction.reduced_runs import latent, training_coordinates
 from reproduction.paper.scenes import cross
+from reproduction.reduced_runs import latent, training_coordinates
 
 Array = NDArray[np.float64]
 Solve = Callable[[int], Solution]

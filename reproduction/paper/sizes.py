@@ -16,8 +16,8 @@ from ldsim.run import Run
 from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
-from reproduction.reduced_runs import largest_error, play, training_coordinates
 from reproduction.paper.scenes import bar, cross
+from reproduction.reduced_runs import largest_error, play, training_coordinates
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from ldsim.run import Run
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.full_space import train_full_space
-from reproduction.reduced_runs import displacements
 from reproduction.paper.scenes import coarse_bar
+from reproduction.reduced_runs import displacements
 
 Array = NDArray[np.float64]
 

@@ -7,56 +7,75 @@ each strain of each point, which for all elements is some ten times as much memo
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import reduced_mass
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.mechanics.loads import Grab, MotionLoads
-from ldsim.mechanics.motion import Motion
-from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.minimiser import minimise
-from ldsim.space.basis import Basis
-from ldsim.space.decoder import Decoder
+from ldsim.optimise.solution import Solution
+from ldsim.space.space import Space
 
 Array = NDArray[np.float64]
 
-# Steps that a preconditioner serves, and iterations after which it is given up.
-SERVES = 6
+# Steps that a preconditioner is kept for, and iterations after which it is given up.
+KEPT = 6
 GIVE_UP = 12
 TOLERANCE = 1e-6
 
 
-class State(NamedTuple):
-    """z and q of the last two frames; q need not be φ(z)."""
-
-    z: Array
-    z_previous: Array
-    q: Array
-    q_previous: Array
-
-
 class EveryElement:
-    """Steps a scene in the space u = U φ(z) by implicit Euler (paper, Eq. 12) with all quadrature points."""
+    """Steps a scene in the space u = U φ(z) by implicit Euler (paper, Eq. 12) with all quadrature points.
 
-    def __init__(self, scene: Scene, U: Array, decoder: Decoder) -> None:
-        self.scene, self.U, self.decoder = scene, np.ascontiguousarray(U), decoder
-        self._UT = np.ascontiguousarray(U.T)
-        self._inertia = reduced_mass(scene, Basis.of(self.U, scene.mass)) / scene.time_step**2
+    Pins stand still. What it keeps from step to step is its preconditioner, which moves the result by less than the
+    tolerance.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self.space, self.scene, self.decoder = space, space.scene, space.decoder
+        basis, scene = space.reduced_basis, space.scene
+        self._U, self._fields = basis.matrix, basis.fields
+        self._UT = np.ascontiguousarray(self._U.T)
+        self.mass = reduced_mass(scene, basis)
+        self._inertia = self.mass / scene.time_step**2
         self._load = self._UT @ scene.external_force.ravel()
         self._pattern = StiffnessPattern(scene.points.nodes, scene.free, scene.mesh.n_vertices)
-        self._free = np.ascontiguousarray(U.reshape(scene.mesh.n_vertices, 3, -1)[scene.free].reshape(-1, U.shape[1]))
+        self._free = np.ascontiguousarray(self._fields[scene.free].reshape(-1, basis.k))
+        self._total_mass = float(scene.mass.sum())
         self._stiffness: Array | None = None
         self._age = 0
+
+    def rest(self) -> ReducedState:
+        """The undeformed solid, without velocity."""
+        z, q = np.zeros(self.decoder.r), np.zeros(self.decoder.k)
+        return ReducedState.moving(z, z, q, q)
+
+    def state(self, u: NDArray[np.floating], u_previous: NDArray[np.floating], pins: object = ()) -> ReducedState:
+        """The state nearest to two frames of the full space, the last and the one before, (n, 3) metres each."""
+        z, q = self.space.encode(np.stack([u, u_previous]))
+        return ReducedState.moving(z[0], z[1], q[0], q[1])
+
+    def displacement(self, state: ReducedState) -> Array:
+        """u = U q, (n, 3) metres."""
+        return self.space.displacement(state.q)
+
+    def coordinates(self, state: ReducedState) -> Array:
+        """q, (k,)."""
+        return state.q
+
+    def extent(self, state: ReducedState) -> float:
+        """The mass-weighted root mean square of U q, metres; NaN where the state is not finite."""
+        return float(np.sqrt(state.q @ self.mass @ state.q / self._total_mass))
 
     def force(self, q: Array) -> tuple[float, Array]:
         """Elastic energy, J, and Uᵀf of a pose, (k,) N."""
         gradient = np.zeros((self.scene.mesh.n_vertices, 3))
-        energy = add_elastic_gradient(self.scene.elements, (self.U @ q).reshape(-1, 3), gradient)
+        energy = add_elastic_gradient(self.scene.elements, (self._U @ q).reshape(-1, 3), gradient)
         return energy, self._UT @ gradient.ravel()
 
     def stiffness(self, u: Array) -> Array:
@@ -65,17 +84,14 @@ class EveryElement:
         tangent: Array = self._free.T @ (self._pattern.matrix(blocks) @ self._free)
         return tangent
 
-    def step(self, state: State, grabs: list[Grab]) -> tuple[State, int]:
-        """The next state, and the iterations it took."""
+    def step(self, state: ReducedState, loads: Loads) -> tuple[ReducedState, Solution]:
+        """The next state, and the minimiser's record."""
+        assert not loads.pins and loads.gravity is None
         predictor = 2 * state.q - state.q_previous
-        nodal = self.U.reshape(self.scene.mesh.n_vertices, 3, -1)
-        springs = [
-            (nodal[g.vertices].mean(axis=0), self.scene.mesh.vertices[g.vertices].mean(axis=0) - g.target, g.stiffness)
-            for g in grabs
-        ]
+        springs = [self._spring(grab) for grab in loads.grabs]
 
         def potential(z: Array, gradient: Array) -> float:
-            q = z if self.decoder.is_identity else self.decoder(z)
+            q = self._decoded(z)
             value, force = self.force(q)
             if not value < np.inf:
                 return np.inf
@@ -89,25 +105,27 @@ class EveryElement:
             gradient[:] = force if self.decoder.is_identity else self.decoder.vjp(z, force)
             return value
 
-        z = self._start(potential, state)
+        z = _start(potential, state)
         metric = self._metric(state.q, springs)
         if not self.decoder.is_identity:
             J = self.decoder.jacobian(z)
             metric = J.T @ metric @ J
         factor = cho_factor(metric)
         done = minimise(potential, z, lambda d: cho_solve(factor, d), TOLERANCE, max_iterations=200)
-        self._age += 1 if done.iterations <= GIVE_UP else SERVES
-        q = z.copy() if self.decoder.is_identity else self.decoder(z)
-        return State(z, state.z, q, state.q), done.iterations
+        self._age += 1 if done.iterations <= GIVE_UP else KEPT
+        return ReducedState.moving(z, state.z, self._decoded(z), state.q), done
 
-    def _start(self, potential: Callable[[Array, Array], float], state: State) -> Array:
-        """Extrapolated, unless that inverts an element."""
-        z: Array = 2 * state.z - state.z_previous
-        return z if potential(z, np.empty_like(z)) < np.inf else state.z.copy()
+    def _decoded(self, z: Array) -> Array:
+        return z.copy() if self.decoder.is_identity else self.decoder(z)
+
+    def _spring(self, grab: Grab) -> tuple[Array, Array, float]:
+        """B and c₀ − target of the centroid c = B q + c₀, and the stiffness."""
+        centre = self.scene.mesh.vertices[grab.vertices].mean(axis=0)
+        return self._fields[grab.vertices].mean(axis=0), centre - grab.target, grab.stiffness
 
     def _metric(self, q: Array, springs: list[tuple[Array, Array, float]]) -> Array:
-        if self._stiffness is None or self._age >= SERVES:
-            self._stiffness = self.stiffness((self.U @ q).reshape(-1, 3))
+        if self._stiffness is None or self._age >= KEPT:
+            self._stiffness = self.stiffness((self._U @ q).reshape(-1, 3))
             self._age = 0
         metric = self._inertia + self._stiffness
         for B, _, stiffness in springs:
@@ -115,25 +133,7 @@ class EveryElement:
         return metric
 
 
-def run(
-    space: EveryElement,
-    motion: Motion,
-    held: dict[int, NDArray[np.int64]],
-    frames: int,
-    restart: Callable[[int], State | None] = lambda frame: None,
-    progress: Callable[[int], None] = lambda frame: None,
-) -> Array:
-    """q of each frame, (frames, k); NaN from where the run is lost. `progress` is told the frames that are done."""
-    loads = MotionLoads(motion, space.scene, held)
-    rest = np.zeros(space.decoder.r), np.zeros(space.decoder.k)
-    state = State(rest[0], rest[0], rest[1], rest[1])
-    q = np.full((frames, space.decoder.k), np.nan)
-    for frame in range(frames):
-        state = restart(frame) or state
-        u = (space.U @ state.q).reshape(-1, 3) if loads.needs_state(frame) else None
-        state, _ = space.step(state, loads.at(frame, u).grabs)
-        if not np.linalg.norm(state.q) < 1e6:
-            break
-        q[frame] = state.q
-        progress(frame + 1)
-    return q
+def _start(potential: Callable[[Array, Array], float], state: ReducedState) -> Array:
+    """Extrapolated, unless that inverts an element."""
+    z: Array = 2 * state.z - state.z_previous
+    return z if potential(z, np.empty_like(z)) < np.inf else state.z.copy()

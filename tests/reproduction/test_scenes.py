@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from ldsim.settings import load_settings, settings_of
+from reproduction.harness import CONFIGS
 from reproduction.paper import scenes
 
-CONFIGS = Path(__file__).parents[3] / "configs"
 SCENES = {
     "x": scenes.cross,
     "beam": scenes.bar,
