@@ -14,7 +14,6 @@ import click
 from tqdm import tqdm
 
 from ldsim import __version__
-from ldsim.artefacts.store import Header
 from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
@@ -58,24 +57,6 @@ class Call:
     progress: Bars = field(default_factory=Bars)
     started: float = field(default_factory=time.perf_counter)
 
-    # Until train, cubature and simulate are calls into the pipeline.
-    @property
-    def folder(self) -> Path:
-        return self.run.folder
-
-    def path(self, kind: str) -> Path:
-        return self.run.path(kind)
-
-    def check(self, kind: str, header: Header, *inputs: str) -> None:
-        self.run.require(kind, *inputs)
-
-    def header(
-        self, kind: str, stage: str, inputs: tuple[str, ...], seed: int = -1, **notes: str | float | int
-    ) -> Header:
-        begun = self.run.stage(stage, self.settings.section(stage))
-        begun._started = self.started
-        return begun.header(kind, inputs, seed, **notes)
-
     def done(self, kind: str, summary: str) -> None:
         """Say what artefact was written."""
         self.say(self.run.path(kind), summary)
@@ -107,13 +88,6 @@ def _type(annotation: object) -> click.ParamType[Any]:
     simple: dict[object, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT, Path: click.Path(path_type=Path)}
     inner = [annotation, *get_args(annotation), *(each for some in get_args(annotation) for each in get_args(some))]
     return next(simple[each] for each in inner if each in simple)
-
-
-@contextmanager
-def progress_bar(total: int | None, description: str, unit: str) -> Iterator[tqdm[Never]]:
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True) as bar:
-        yield bar
 
 
 def stage_command(

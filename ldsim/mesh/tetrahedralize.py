@@ -26,7 +26,7 @@ CLOSE_ENOUGH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Filling:
+class Tetrahedralization:
     """Tets in place of a surface.
 
     Attributes:
@@ -52,7 +52,9 @@ class Filling:
         }
 
 
-def filled(surface: Triangles, edge_length: float, envelope: float | None = None, seconds: float = 600.0) -> Filling:
+def tetrahedralized(
+    surface: Triangles, edge_length: float, envelope: float | None = None, seconds: float = 600.0
+) -> Tetrahedralization:
     """Tets of about the given edge length.
 
     Args:
@@ -90,36 +92,36 @@ def filled(surface: Triangles, edge_length: float, envelope: float | None = None
     if len(cells) == 0:
         raise MeshError("fTetWild found nothing inside the surface; give a smaller mesh.surface.edge_length")
     mesh = without_unused_vertices(reoriented(Mesh(vertices, cells.astype(np.int32), "tet4")))
-    return Filling(mesh, edge_length, surface.volume)
+    return Tetrahedralization(mesh, edge_length, surface.volume)
 
 
-def filled_with(
+def tetrahedralized_to_count(
     surface: Triangles,
     cells: int,
     envelope: float | None = None,
     seconds: float = 600.0,
     tell: Callable[[str], None] = lambda text: None,
-) -> Filling:
+) -> Tetrahedralization:
     """About as many tets as asked for: the edge length follows from some tries, each told in words.
 
     The first is that of regular tets of the right volume, l³ = 6√2 V / cells; the next ones follow the number got.
 
     Raises:
-        MeshError: as `filled`.
+        MeshError: as `tetrahedralized`.
     """
     length = float((6 * np.sqrt(2) * surface.volume / cells) ** (1 / 3))
-    tried: list[Filling] = []
+    tried: list[Tetrahedralization] = []
     while len(tried) < TRIES:
-        tried.append(filled(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
+        tried.append(tetrahedralized(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
         length, got = tried[-1].edge_length, tried[-1].mesh.n_cells
         tell(f"edge length {length:.3g} m: {got} cells")
         if abs(got / cells - 1) <= CLOSE_ENOUGH:
             break
         length *= float((got / cells) ** (1 / _order(tried[-2:])))
-    return min(tried, key=lambda filling: abs(np.log(filling.mesh.n_cells / cells)))
+    return min(tried, key=lambda made: abs(np.log(made.mesh.n_cells / cells)))
 
 
-def _order(tried: Sequence[Filling]) -> float:
+def _order(tried: Sequence[Tetrahedralization]) -> float:
     """The power of 1 / edge length with which cells grow: 3 in the bulk, less where the surface dictates them."""
     if len(tried) < 2 or tried[0].edge_length == tried[1].edge_length:
         return 3.0

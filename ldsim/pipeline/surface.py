@@ -11,7 +11,7 @@ from ldsim.mesh.formats import naming, read_surface
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.options import SurfaceOptions
 from ldsim.mesh.repair import repaired
-from ldsim.mesh.tetrahedralize import Filling, filled, filled_with
+from ldsim.mesh.tetrahedralize import Tetrahedralization, tetrahedralized, tetrahedralized_to_count
 from ldsim.mesh.triangles import Triangles
 
 # A mesh, and what the header of scene.h5 says of the surface that it was made from.
@@ -39,7 +39,9 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
         mended = repaired(surface)
         for repair in mended.repairs:
             tell(f"{path.name}: {repair}")
-        tell(f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, filling")
+        tell(
+            f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, tetrahedralizing"
+        )
         found = _tets(mended.surface, options, tell)
     quality = found.quality()
     _tell_quality(found.mesh.n_cells, quality, tell)
@@ -47,11 +49,11 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
     return found.mesh, {"surface_repairs": "; ".join(mended.repairs) or "none", **notes}
 
 
-def _tets(surface: Triangles, options: SurfaceOptions, tell: Tell) -> Filling:
+def _tets(surface: Triangles, options: SurfaceOptions, tell: Tell) -> Tetrahedralization:
     if options.cells is not None:
-        return filled_with(surface, options.cells, options.envelope, options.timeout, tell)
+        return tetrahedralized_to_count(surface, options.cells, options.envelope, options.timeout, tell)
     assert options.edge_length is not None
-    return filled(surface, options.edge_length, options.envelope, options.timeout)
+    return tetrahedralized(surface, options.edge_length, options.envelope, options.timeout)
 
 
 def _tell_quality(cells: int, quality: dict[str, float], tell: Tell) -> None:

@@ -14,7 +14,7 @@ from ldsim.errors import MeshError
 from ldsim.mesh import tetrahedralize
 from ldsim.mesh.mesh import Mesh, check_cells, components, corner_volumes
 from ldsim.mesh.quality import radius_ratios
-from ldsim.mesh.tetrahedralize import ENVELOPE, TRIES, Filling, filled, filled_with
+from ldsim.mesh.tetrahedralize import ENVELOPE, TRIES, Tetrahedralization, tetrahedralized, tetrahedralized_to_count
 from ldsim.mesh.triangles import Triangles
 from tests.mesh.surfaces import boundary, box, is_closed_and_oriented, together
 
@@ -25,13 +25,13 @@ SIDES = np.array([0.2, 0.1, 0.1])
 
 
 @pytest.fixture(scope="module")
-def filling() -> Filling:
-    return filled(box(SIDES), 0.05)
+def made() -> Tetrahedralization:
+    return tetrahedralized(box(SIDES), 0.05)
 
 
 @needs_ftetwild
-def test_the_tets_fill_the_surface_within_the_envelope(filling: Filling) -> None:
-    mesh = filling.mesh
+def test_the_tets_fill_the_surface_within_the_envelope(made: Tetrahedralization) -> None:
+    mesh = made.mesh
     check_cells(mesh)
     assert set(components(mesh)) == {0}
     assert set(mesh.cells.ravel()) == set(range(mesh.n_vertices))
@@ -42,11 +42,11 @@ def test_the_tets_fill_the_surface_within_the_envelope(filling: Filling) -> None
 
 
 @needs_ftetwild
-def test_the_quality_is_that_of_the_mesh(filling: Filling) -> None:
-    quality, ratios = filling.quality(), radius_ratios(filling.mesh)
-    assert filling.surface_volume == pytest.approx(0.002, rel=1e-9)
+def test_the_quality_is_that_of_the_mesh(made: Tetrahedralization) -> None:
+    quality, ratios = made.quality(), radius_ratios(made.mesh)
+    assert made.surface_volume == pytest.approx(0.002, rel=1e-9)
     assert quality["edge_length"] == 0.05
-    assert quality["volume"] == pytest.approx(corner_volumes(filling.mesh).sum())
+    assert quality["volume"] == pytest.approx(corner_volumes(made.mesh).sum())
     assert quality["volume_change"] == pytest.approx(quality["volume"] / 0.002 - 1)
     assert abs(quality["volume_change"]) < 0.05
     assert quality["radius_ratio_min"] == ratios.min() > 0.1
@@ -56,19 +56,19 @@ def test_the_quality_is_that_of_the_mesh(filling: Filling) -> None:
 @needs_ftetwild
 def test_parts_that_cross_each_other_become_one_solid() -> None:
     crossing = together(box([0.2, 0.1, 0.1]), box([0.1, 0.2, 0.0999], [0.05, -0.05, 0.00005]))
-    mesh = filled(crossing, 0.06).mesh
+    mesh = tetrahedralized(crossing, 0.06).mesh
     assert set(components(mesh)) == {0}
     assert corner_volumes(mesh).sum() == pytest.approx(0.003, rel=0.05)
 
 
-def filler(order: float, scatter: float) -> Callable[..., Filling]:
+def filler(order: float, scatter: float) -> Callable[..., Tetrahedralization]:
     """A stand-in that makes 250 tets of edge length 0.02 m, and as many more of smaller ones as the order says."""
     generator = np.random.default_rng(0)
 
-    def fill(surface: Triangles, edge_length: float, *rest: object) -> Filling:
+    def fill(surface: Triangles, edge_length: float, *rest: object) -> Tetrahedralization:
         count = int(250 * (0.02 / edge_length) ** order * np.exp(scatter * generator.standard_normal()))
         tet = np.tile(np.arange(4, dtype=np.int32), (count, 1))
-        return Filling(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
+        return Tetrahedralization(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
 
     return fill
 
@@ -78,41 +78,41 @@ def test_the_edge_length_for_a_number_of_tets_is_found_in_few_tries(
     order: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[str] = []
-    monkeypatch.setattr(tetrahedralize, "filled", filler(order, scatter=0.02))
+    monkeypatch.setattr(tetrahedralize, "tetrahedralized", filler(order, scatter=0.02))
     for cells in (100, 5000):
-        filling = filled_with(box(SIDES), cells, tell=tried.append)
-        assert filling.mesh.n_cells == pytest.approx(cells, rel=0.1 if order > 2 else 0.3)
+        made = tetrahedralized_to_count(box(SIDES), cells, tell=tried.append)
+        assert made.mesh.n_cells == pytest.approx(cells, rel=0.1 if order > 2 else 0.3)
     assert 2 <= len(tried) <= 2 * TRIES and "edge length" in tried[0]
 
 
 def test_the_nearest_try_is_kept_when_none_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = [500, 190, 260, 3000, 900]
 
-    def fill(surface: Triangles, edge_length: float, *rest: object) -> Filling:
+    def fill(surface: Triangles, edge_length: float, *rest: object) -> Tetrahedralization:
         tet = np.tile(np.arange(4, dtype=np.int32), (counts.pop(0), 1))
-        return Filling(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
+        return Tetrahedralization(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
 
-    monkeypatch.setattr(tetrahedralize, "filled", fill)
-    assert filled_with(box(SIDES), 100).mesh.n_cells == 190
+    monkeypatch.setattr(tetrahedralize, "tetrahedralized", fill)
+    assert tetrahedralized_to_count(box(SIDES), 100).mesh.n_cells == 190
     assert not counts
 
 
 @needs_ftetwild
 def test_fTetWild_is_stopped_when_it_takes_too_long() -> None:  # noqa: N802
     with pytest.raises(MeshError, match="within 1 s; give a larger mesh.surface.edge_length"):
-        filled(box(SIDES), 0.003, seconds=1)
+        tetrahedralized(box(SIDES), 0.003, seconds=1)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, 1.0, float("nan")])
 def test_an_edge_length_that_cannot_be_is_refused(length: float) -> None:
     with pytest.raises(MeshError, match="the edge length is .* at most"):
-        filled(box(SIDES), length)
+        tetrahedralized(box(SIDES), length)
 
 
 def test_a_missing_pytetwild_is_told_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(MeshError, match=r"pip install '\.\[surface\]'") as refusal:
-        filled(box(SIDES), 0.05)
+        tetrahedralized(box(SIDES), 0.05)
     assert "\n" not in str(refusal.value)
 
 
@@ -123,5 +123,5 @@ def test_a_crash_of_ftetwild_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: "found")
     monkeypatch.setattr(sys, "executable", str(script))
     with pytest.raises(MeshError, match=r"failed on the surface with status -11 \(no\)") as refusal:
-        filled(box(SIDES), 0.05)
+        tetrahedralized(box(SIDES), 0.05)
     assert "\n" not in str(refusal.value)

@@ -13,7 +13,7 @@ import pytest
 
 from ldsim.artefacts.records import read_scene
 from ldsim.mesh.shapes import beam
-from ldsim.mesh.tetrahedralize import Filling
+from ldsim.mesh.tetrahedralize import Tetrahedralization
 from ldsim.mesh.triangles import Triangles
 from ldsim.pipeline import surface
 from tests.cli.experiments import TINY, Experiment
@@ -26,10 +26,10 @@ class FTetWild:
     def __init__(self) -> None:
         self.calls: list[tuple[object, ...]] = []
 
-    def __call__(self, surface: Triangles, *arguments: object) -> Filling:
+    def __call__(self, surface: Triangles, *arguments: object) -> Tetrahedralization:
         self.calls.append(arguments)
         mesh = beam(0.4 + 0.01 * len(self.calls), resolution=2)
-        return Filling(mesh, 0.05, surface.volume)
+        return Tetrahedralization(mesh, 0.05, surface.volume)
 
 
 @pytest.fixture
@@ -41,8 +41,8 @@ def experiment(tmp_path: Path) -> Experiment:
 @pytest.fixture
 def ftetwild(monkeypatch: pytest.MonkeyPatch) -> FTetWild:
     stand_in = FTetWild()
-    monkeypatch.setattr(surface, "filled", stand_in)
-    monkeypatch.setattr(surface, "filled_with", stand_in)
+    monkeypatch.setattr(surface, "tetrahedralized", stand_in)
+    monkeypatch.setattr(surface, "tetrahedralized_to_count", stand_in)
     return stand_in
 
 
@@ -134,19 +134,19 @@ def test_another_surface_in_the_same_file_is_filled_anew(experiment: Experiment,
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda filling: {"radius_ratio_min": 0.01}, "nearly flat"),
-        (lambda filling: {"volume_change": -0.06}, "the volume differs"),
+        (lambda made: {"radius_ratio_min": 0.01}, "nearly flat"),
+        (lambda made: {"volume_change": -0.06}, "the volume differs"),
     ],
     ids=["flat", "volume"],
 )
-def test_a_poor_filling_is_warned_of(
+def test_poor_tets_are_warned_of(
     experiment: Experiment,
     ftetwild: FTetWild,
     monkeypatch: pytest.MonkeyPatch,
-    spoil: Callable[[Filling], dict[str, float]],
+    spoil: Callable[[Tetrahedralization], dict[str, float]],
     words: str,
 ) -> None:
-    good = Filling.quality
-    monkeypatch.setattr(Filling, "quality", lambda self: good(self) | spoil(self))
+    good = Tetrahedralization.quality
+    monkeypatch.setattr(Tetrahedralization, "quality", lambda self: good(self) | spoil(self))
     configure(experiment)
     assert words in experiment.invoke("mesh").stderr
