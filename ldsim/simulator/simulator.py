@@ -121,12 +121,12 @@ class Simulator:
                 f"a grab of stiffness {stiffness:g} N/m and radius {radius:g} m; "
                 "the stiffness must be positive, the radius not negative, both finite"
             )
-        aim = _vector(target, "target", "m")
-        drag = Drag(self._number, _vector(point, "point", "m"), aim[None], radius, stiffness, at_rest)
+        place = _vector(target, "target", "m")
+        drag = Drag(self._number, _vector(point, "point", "m"), place[None], radius, stiffness, at_rest)
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
         vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * self.scene.mesh.diagonal)
         key, self._next_key = self._next_key, self._next_key + 1
-        self._grabs[key] = Grab(vertices, aim, stiffness)
+        self._grabs[key] = Grab(vertices, place, stiffness)
         return Handle(self, key)
 
     def held(self, key: int) -> Grab:
