@@ -124,6 +124,16 @@ def up_to_date(folder: Path, settings: Settings, stage: str) -> bool:
     return header.settings == settings.section(stage).dump()
 
 
+def linked(source: Path, folder: Path, kinds: Sequence[str]) -> Path:
+    """A folder that has some artefacts of a run, where it has none of its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in kinds:
+        target = folder / f"{kind}.h5"
+        if not target.exists():
+            target.symlink_to((source / target.name).resolve())
+    return folder
+
+
 def row(model: str, quantity: str, value: object, unit: str = "", goal: str | None = None) -> Row:
     """One measured number, null where a run was lost; the goal is a comparison such as ">= 10"."""
     lost = isinstance(value, float) and not math.isfinite(value)

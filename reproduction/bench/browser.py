@@ -1,4 +1,4 @@
-"""What the pages in the browser cost: python benchmarks/browser.py runs/x …
+"""What the pages in the browser cost.
 
 Needs Chromium, and draws as it can there: the first row says by what. Of each finished run, at 1280 × 800:
 
@@ -9,21 +9,18 @@ Needs Chromium, and draws as it can there: the first row says by what. Of each f
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-from ldsim.export.source import Source
-from results_file import Row, row, write_results
-
 from ldsim.export.playground import write_playground
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
+from ldsim.run import Run
+from reproduction.harness import Row, called, parser, row, show, write_results
 from tests.viewer.browser import Tab, chromium
 
+NAME = "browser"
 SECONDS = 5.0
 RENDERER = """(() => {
   const gl = document.createElement('canvas').getContext('webgl2');
@@ -96,15 +93,13 @@ def play(tab: Tab, run: Path) -> list[Row]:
 
 
 def playground(tab: Tab, run: Path) -> list[Row]:
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, Run.open(run) as opened:
         page = Path(folder) / "playground.html"
-        write_playground(Source(run), page)
+        write_playground(opened, page)
         size = page.stat().st_size / 1e6
         tab.open(page.as_uri())
         first = tab.evaluate(WHEN % "window.playground?.iterations !== undefined") / 1e3
-        tab.evaluate(
-            "steps = 0; once = playground.stepOnce; playground.stepOnce = function () { steps += 1; once.call(this); }"
-        )
+        tab.evaluate(COUNT_STEPS)
         pictures, steps = rates(tab, "steps")
     return [
         row(run.name, "playground: size", size, "MB", "<= 15"),
@@ -115,23 +110,18 @@ def playground(tab: Tab, run: Path) -> list[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="What the pages in the browser cost.")
-    parser.add_argument("runs", nargs="+", type=Path, help="finished runs of the pipeline")
-    given = parser.parse_args()
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("runs", nargs="+", type=Path, help="folders of finished runs")
+    given = arguments.parse_args()
     rows: list[Row] = []
     for run in given.runs:
         with chromium() as tab:
             tab.size(1280, 800)
             if not rows:
                 rows.append(row("all", "drawn by", tab.evaluate(RENDERER)))
-            for part in (play, playground):
-                rows += part(tab, run)
-    for r in rows:
-        goal = f" (goal {r['goal']})" if r["goal"] else ""
-        value = f"{r['value']:.3g}" if isinstance(r["value"], float) else r["value"]
-        print(f"{r['model']}: {r['quantity']} = {value} {r['unit']}{goal}")
-    command = "python benchmarks/browser.py " + " ".join(f"runs/{run.name}" for run in given.runs)
-    print(write_results("browser", command, rows))
+            rows += play(tab, run) + playground(tab, run)
+    show(rows)
+    print(write_results("browser", called(NAME), rows))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""How few points, how well, how fast: python benchmarks/cubature.py --model x --part quality
+"""How few points, how well, how fast.
 
 Models are those of cubature_models.py, each at the paper's r; parts those of cubature_parts.py. `--model` and `--part`
 may be given several times; without them all are measured, the methods on x alone. Poses come from the finished runs in
 `--runs` (make EXPERIMENT=x …), the rest is made and kept in `--made`, and so is what is done: interrupted, it goes on;
-to measure anew, delete the model's files in `--made`/parts and sets. `--quick` measures the embedded demo, in minutes.
-All parts that are there, of whichever call, go to benchmarks/results/cubature.json and docs/pictures.
+to measure anew, delete the model's files in `--made`/parts and rules. `--quick` measures the embedded demo, in minutes.
+All parts that are there, of whichever call, go to reproduction/results/cubature.json and docs/pictures.
 """
 
 from __future__ import annotations
@@ -12,50 +12,39 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import time
 from pathlib import Path
 
 import numpy as np
-from cubature_models import SIZES, SOURCES, model, prepared
-from cubature_parts import PARTS, QUICK, Effort, Fitted
-from results_file import Row, row, write_results
 
-from ldsim.cubature.fit import METHODS
+from ldsim.cubature.methods import METHODS
 from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, new_axes, to_svg
+from reproduction.bench.cubature_models import SIZES, SOURCES, model, prepared
+from reproduction.bench.cubature_parts import PARTS, QUICK, Effort, Fitted
+from reproduction.bench.kept import kept
+from reproduction.harness import PICTURES, Row, called, parser, row, show, write_results
 
-HERE = Path(__file__).parent
+NAME = "cubature"
 # The poses of the dragon are carried over from a coarser mesh, so that one is stepped.
 STEPPED = [*(name for name in SOURCES if name != "dragon"), "dragon_56822"]
 MODELS = {"quality": [*SOURCES], "methods": ["x"], "online": STEPPED, "scaling": [*SOURCES, *SIZES]}
-PICTURES = HERE.parent / "docs" / "pictures"
 
 
 def measure(name: str, part: str, runs: Path, made: Path, effort: Effort) -> list[Row]:
     """The rows of one part of one model."""
-    sets = made / "sets"
-    sets.mkdir(parents=True, exist_ok=True)
     with one_thread(), model(name, runs, made) as found:
-        return PARTS[part](found, effort, Fitted(found, effort, sets))
+        return PARTS[part](found, effort, Fitted(found, effort, made / "rules"))
 
 
 def measured(name: str, part: str, runs: Path, made: Path, effort: Effort) -> list[Row]:
     """The same, in a process of its own, for its memory; from its file where it has been done."""
-    path = made / "parts" / f"{name}-{part}.json"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
+
+    def apart() -> list[Row]:
         prepared(name, runs, made)
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            rows = pool.apply(measure, (name, part, runs, made, effort))
-        path.write_text(json.dumps(rows, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
-    rows = json.loads(path.read_text(encoding="utf-8"))
-    return list(rows)
+            return pool.apply(measure, (name, part, runs, made, effort))
 
-
-def show(title: str, rows: list[Row]) -> None:
-    print(f"\n## {title}\n\n| quantity | value | goal |\n|---|---|---|")
-    for r in rows:
-        print(f"| {r['quantity']} | {r['value']:.4g} {r['unit']} | {r['goal'] or ''} |", flush=True)
+    return kept(made / "parts" / f"{name}-{part}.json", apart)
 
 
 def growth(rows: list[Row]) -> list[Row]:
@@ -94,31 +83,33 @@ def collect(made: Path) -> None:
     """Everything measured so far, as one file, and the picture of the methods."""
     names = [(name, part) for name in (*SOURCES, *SIZES) for part in PARTS]
     files = [made / "parts" / f"{name}-{part}.json" for name, part in names]
-    rows: list[Row] = [r for file in files if file.exists() for r in json.loads(file.read_text(encoding="utf-8"))]
+    rows: list[Row] = [r for file in files if file.exists() for r in json.loads(file.read_text("utf-8"))["kept"]]
     rows += growth(rows)
-    write_results("cubature", "python benchmarks/cubature.py", rows)
+    write_results(NAME, called(NAME), rows)
     for name in {r["model"] for r in rows if r["quantity"].startswith("error, held-out poses, ")}:
         (PICTURES / f"cubature_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 
 
+def arguments() -> argparse.ArgumentParser:
+    found = parser(NAME, __doc__)
+    found.add_argument("--model", action="append", choices=[*SOURCES, *SIZES])
+    found.add_argument("--part", action="append", choices=list(PARTS))
+    found.add_argument("--runs", type=Path, default=Path("runs"), help="finished runs of the pipeline")
+    found.add_argument("--made", type=Path, default=Path("runs/cubature"), help="what is made and kept")
+    found.add_argument("--quick", action="store_true", help="the embedded demo alone")
+    return found
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description="How few cubature points, how well, how fast.")
-    parser.add_argument("--model", action="append", choices=[*SOURCES, *SIZES])
-    parser.add_argument("--part", action="append", choices=list(PARTS))
-    parser.add_argument("--runs", type=Path, default=Path("runs"), help="finished runs of the pipeline")
-    parser.add_argument("--made", type=Path, default=Path("runs/cubature"), help="what is made and kept")
-    parser.add_argument("--quick", action="store_true", help="the embedded demo alone")
-    given = parser.parse_args()
-    made, runs = given.made / "quick" if given.quick else given.made, given.runs
+    given = arguments().parse_args()
+    made = given.made / "quick" if given.quick else given.made
     wanted = ["demo"] if given.quick else given.model
     todo = [(name, part) for part in given.part or PARTS for name in wanted or MODELS[part]]
     if ("dragon", "online") in todo:
-        parser.error("the dragon's poses are carried over from dragon_56822; for --part online, take that")
+        arguments().error("the dragon's poses are carried over from dragon_56822; for --part online, take that")
     for i, (name, part) in enumerate(todo):
-        print(f"[{i + 1}/{len(todo)}] {name}, {part}", flush=True)
-        started = time.perf_counter()
-        rows = measured(name, part, runs, made, QUICK if given.quick else Effort())
-        show(f"{name}, {part} ({time.perf_counter() - started:.0f} s)", rows)
+        rows = measured(name, part, given.runs, made, QUICK if given.quick else Effort())
+        show(rows, f"{i + 1}/{len(todo)}: {name}, {part}")
     if not given.quick:
         collect(made)
 

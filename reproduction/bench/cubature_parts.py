@@ -1,46 +1,45 @@
-"""What benchmarks/cubature.py measures, part by part: quality, methods, online, scaling. Fitted sets are kept."""
+"""What cubature.py measures, part by part: quality, methods, online, scaling. Fitted rules are kept."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from cubature_models import Model
-from every_element import EveryElement, run
 from numpy.typing import NDArray
-from results_file import Row, row
+from tqdm import tqdm
 
-from ldsim.cubature.fit import METHODS
-from ldsim.cubature.forces import ProjectedForces, pose_scales
-from ldsim.cubature.goal import Goal
-from ldsim.cubature.ladder import residuals
-from ldsim.cubature.metric import rest_compliance
-from ldsim.cubature.rows import FLOOR
+from ldsim.cubature.choose import PoseSplit, choose_on_mesh, split_poses
+from ldsim.cubature.methods import METHODS
+from ldsim.cubature.options import FitOptions, TermOptions
+from ldsim.cubature.path import residuals
 from ldsim.cubature.rule import CubatureRule
-from ldsim.cubature.selection import Recipe, perturb, select, split_poses
+from ldsim.cubature.samples import perturbed, pose_scales
+from ldsim.cubature.terms import ForceTerm
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.pipeline.comparison import run_reduced, with_errors
+from reproduction.bench.cubature_models import Model
+from reproduction.bench.kept import kept, kept_rules
+from reproduction.harness import Row, row
+from reproduction.reduced_runs import played, reference
+from reproduction.rivals.every_element import EveryElement
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Most points: the error that the goal asks for on held-out poses, and the one on fitted poses to stop at.
 GOALS = {100: (0.05, 0.015), 300: (0.01, 0.003)}
 NO_STOP = 1e-3
 NORMS = ("force", "compliance")
-# Sizes in the table of methods, and of the sets that are stepped.
+# Sizes in the table of methods, and of the rules that are stepped.
 SIZES = (5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150)
 STEPPED = (30, 50, 100, 300)
 # Of the true poses in the target, as the configurations of x, beam and demo have it.
 CLOSURE = 0.3
-STOP = 1e-7
+STEPS = ReducedOptions(tolerance=1e-7)
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Effort:
 
     Attributes:
         poses: fitted, at most two thirds of all. kept_back: of the training motions, to judge.
-        perturbed: of the recipe. frames: of a motion that are stepped, None for all.
+        frames: of a motion that are stepped, None for all.
     """
 
     poses: int = 400
@@ -61,92 +60,82 @@ class Effort:
 
 QUICK = Effort(150, 60, (100,), 60, 60)
 
-# What a set is fitted to, by the name that tables have for it.
-FITS: dict[str, dict[str, Any]] = {
-    "latent-aware": {"compliance": False},
-    "compliance norm": {},
-    "linear-space": {"compliance": False, "latent": False},
-    "closure": {"closure": CLOSURE},
+# What a rule is fitted to, by the name that tables have for it.
+FITS = {
+    "latent-aware": FitOptions(norm="force"),
+    "compliance norm": FitOptions(),
+    "linear-space": FitOptions(norm="force", project="linear"),
+    "closure": FitOptions(terms=TermOptions(closure=CLOSURE)),
 }
 STEPPED_FITS = tuple(FITS)
-FITS |= {f"method {method}": {"method": method, "compliance": False} for method in METHODS}
+FITS |= {f"method {method}": FitOptions.model_validate({"method": method, "norm": "force"}) for method in METHODS}
 
 
-def poses(model: Model, effort: Effort) -> tuple[Indices, Indices]:
-    """The frames that are fitted, and those kept back."""
-    frames = len(model.space.z)
-    fitted = min(effort.poses, 2 * frames // 3)
-    return split_poses(frames, fitted, min(effort.kept_back, frames - fitted), seed=0)
+def split(model: Model, effort: Effort) -> PoseSplit:
+    """The poses that are fitted, and those kept back."""
+    count = len(model.poses.z)
+    fitted = min(effort.poses, 2 * count // 3)
+    return PoseSplit(*split_poses(count, fitted, min(effort.kept_back, count - fitted), seed=0), recorded=count)
 
 
-def largest(ladder: tuple[CubatureRule, ...], most: int) -> CubatureRule:
-    """The largest set of at most so many points, the best of these on the fitted poses."""
-    return max((entry for entry in ladder if len(entry.points) <= most), key=lambda entry: len(entry.points))
+def largest(rules: Sequence[CubatureRule], most: int) -> CubatureRule:
+    """The largest rule of at most so many points, the best of these on the fitted poses."""
+    return max((rule for rule in rules if len(rule.points) <= most), key=lambda rule: len(rule.points))
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What takes long, kept in `folder` once it is there: ladders of fits, motions stepped with every element."""
+    """What takes long, kept in `folder` once it is there: paths of fits, motions stepped with every element."""
 
     model: Model
     effort: Effort
     folder: Path
 
-    def ladder(self, fit: str, most: int) -> tuple[CubatureRule, ...]:
-        """The sets of a fit of at most `most` points."""
-        path = self.folder / f"{self.model.name}-{fit.replace(' ', '_')}-{most}.npz"
-        if not path.exists():
-            stop = GOALS[most][1] if most in GOALS else NO_STOP
-            recipe = Recipe(Goal(stop, most), **FITS[fit])
-            print(f"  {self.model.name}: fitting {fit}, at most {most} points", flush=True)
-            found = select(self.model.space, *poses(self.model, self.effort), recipe).fit.ladder
-            arrays = {f"{name}_{i}": getattr(entry, name) for i, entry in enumerate(found) for name in vars(entry)}
-            np.savez(path, **arrays)
-        with np.load(path) as stored:
-            return tuple(
-                CubatureRule(stored[f"points_{i}"], stored[f"weights_{i}"], float(stored[f"training_error_{i}"]))
-                for i in range(len(stored.files) // 3)
-            )
+    def rules(self, fit: str, most: int) -> list[CubatureRule]:
+        """Those of a fit of at most `most` points."""
+        options = FITS[fit].replace(tolerance=GOALS[most][1] if most in GOALS else NO_STOP, max_points=most)
+        return kept_rules(
+            self.folder / f"{self.model.name}-{fit.replace(' ', '_')}-{most}.npz",
+            lambda: choose_on_mesh(self.model.poses, split(self.model, self.effort), options).rules,
+        )
 
     def every_element(self, motion: str) -> float:
         """The online error of all quadrature points."""
         path = self.folder / f"{self.model.name}-every_element-{motion}.json"
-        if not path.exists():
-            print(f"  {self.model.name}: stepping {motion} with every element", flush=True)
-            path.write_text(json.dumps(every_element_error(self.model, motion, self.effort.frames)))
-        return float(json.loads(path.read_text()))
+        stepper = EveryElement(self.model.poses.space)
+        return kept(path, lambda: online_error(self.model, stepper, motion, self.effort.frames))
 
 
-def judged(model: Model, effort: Effort, sets: list[CubatureRule]) -> Iterator[tuple[str, str, Array]]:
-    """Errors of sets at decoded poses, none of which was fitted: which poses, which norm, the errors (l,)."""
-    space, (_, kept_back) = model.space, poses(model, effort)
+def judged(model: Model, effort: Effort, rules: list[CubatureRule]) -> Iterator[tuple[str, str, Array]]:
+    """Errors of rules at decoded poses, none of which was fitted: which poses, which norm, the errors (l,)."""
+    poses, kept_back = model.poses, split(model, effort).kept_back
     places = np.linspace(0, len(model.unseen) - 1, min(effort.kept_back, len(model.unseen))).astype(int)
-    W = rest_compliance(space.stiffness, space.decoder, space.z)
+    W = poses.compliance
     for name, z in {
-        "held-out poses": space.z[kept_back],
-        "perturbed poses": perturb(space.z, kept_back, Recipe.perturbation, (1,)),
+        "held-out poses": poses.z[kept_back],
+        "perturbed poses": perturbed(poses.z, kept_back, FitOptions().perturbation, (1,)),
         "held-out motion": model.unseen[places],
     }.items():
-        forces = ProjectedForces(space.scene, space.U, space.decoder, z, threads=0)
+        forces = ForceTerm(poses, poses.samples(z, np.zeros(len(z), dtype=np.int64)))
         newtons = forces.scales[:, None]
         true = forces.target.reshape(len(newtons), -1) * newtons
-        wrong = [residual.reshape(true.shape) * newtons for residual in residuals(forces, sets).T]
+        wrong = [residual.reshape(true.shape) * newtons for residual in residuals(forces, rules).T]
         for norm, metric in zip(NORMS, (np.eye(len(W)), W), strict=True):
-            scales = pose_scales(np.linalg.norm(true @ metric, axis=1), FLOOR, 0.0)[:, None]
+            scales = pose_scales(np.linalg.norm(true @ metric, axis=1))[:, None]
             whole = float(np.linalg.norm(true @ metric / scales))
             yield name, norm, np.array([np.linalg.norm(part @ metric / scales) for part in wrong]) / whole
 
 
 def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
-    """Errors on poses that were not fitted, of sets fitted in either norm, in both norms."""
+    """Errors on poses that were not fitted, of rules fitted in either norm, in both norms."""
     rows = [
         row(model.name, "cells", model.cells),
-        row(model.name, "r", model.space.decoder.r),
-        row(model.name, "k", model.space.decoder.k),
-        row(model.name, "fitted poses", len(poses(model, effort)[0])),
+        row(model.name, "r", model.poses.decoder.r),
+        row(model.name, "k", model.poses.decoder.k),
+        row(model.name, "fitted poses", len(split(model, effort).fitted)),
     ]
     fits = ("latent-aware", "compliance norm")
-    sets = {(fit, most): largest(fitted.ladder(fit, most), most) for most in effort.most for fit in fits}
+    sets = {(fit, most): largest(fitted.rules(fit, most), most) for most in effort.most for fit in fits}
     rows += [
         row(model.name, f"points, {fit}, at most {most}", len(entry.points), "", f"<= {most}")
         for (fit, most), entry in sets.items()
@@ -163,7 +152,7 @@ def quality(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
 def methods(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     """Points against error of all methods on the same poses, fitted in the plain norm of the publications."""
     sizes, rows = [size for size in SIZES if size <= effort.method_points], []
-    sets = {method: fitted.ladder(f"method {method}", effort.method_points) for method in METHODS}
+    sets = {method: fitted.rules(f"method {method}", effort.method_points) for method in METHODS}
     every = [largest(sets[method], size) for method in METHODS for size in sizes]
     place, norm, errors = next(judged(model, effort, every))
     for (method, size), entry, error in zip(itertools.product(METHODS, sizes), every, errors, strict=True):
@@ -173,18 +162,20 @@ def methods(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
 
 
 def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
-    """Online error of sets against that of every element, on each motion of the run."""
+    """Online error of rules against that of every element, on each motion of the run."""
     sizes = [size for size in STEPPED if size <= max(effort.most)]
     rows = []
-    for motion in model.snapshots.names:
-        label = f"{motion} ({model.snapshots.recorded(motion).role})"
+    for motion in model.run.snapshots.names:
+        label = f"{motion} ({model.run.recorded(motion).role})"
         whole = fitted.every_element(motion)
         rows.append(row(model.name, f"online error, every element, {label}", whole))
         for fit, size in itertools.product(STEPPED_FITS, sizes):
             most = min(most for most in effort.most if most >= size)
             if fit == "linear-space" and most > min(effort.most):
                 continue
-            value = set_error(model, largest(fitted.ladder(fit, most), size), motion, effort.frames)
+            rule = largest(fitted.rules(fit, most), size)
+            stepper = ReducedStepper(model.poses.space.with_rule(rule), STEPS)
+            value = online_error(model, stepper, motion, effort.frames)
             print(f"  {model.name}: {fit}, {size} points, {label}: {value:.4f}, all {whole:.4f}", flush=True)
             goal = "<= 0.01" if fit == "latent-aware" and size in effort.most else None
             rows.append(row(model.name, f"online error, {fit}, {size} points, {label}", value))
@@ -193,47 +184,25 @@ def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     return rows
 
 
-def every_element_error(model: Model, motion: str, frames: int | None) -> float:
-    """Mean vertex distance over mean displacement of a motion stepped with all quadrature points."""
-    space, recorded = model.space, model.snapshots.recorded(motion)
-    count = min(frames or recorded.motion.frames, recorded.motion.frames)
-    stepper = EveryElement(space.scene, space.U, space.decoder)
-
-    def progress(frame: int) -> None:
-        if frame % 100 == 0:
-            print(f"  {model.name}: every element on {motion}, frame {frame} of {count}", flush=True)
-
-    q = run(stepper, recorded.motion, dict(recorded.held), count, progress=progress)
-    read, distance, moved = model.snapshots.reader(motion), 0.0, 0.0
-    for first in range(0, count, 64):
-        u = read(first, min(first + 64, count)).astype(np.float64)
-        decoded = (q[first : first + len(u)] @ space.U.T).reshape(u.shape)
-        distance += float(np.linalg.norm(decoded - u, axis=2).sum())
-        moved += float(np.linalg.norm(u, axis=2).sum())
-    return distance / moved
-
-
-def set_error(model: Model, points: CubatureRule, motion: str, frames: int | None) -> float:
-    """The same with a cubature set, as `ldsim simulate` steps it."""
-    space, recorded = model.space, model.snapshots.recorded(motion)
-    stepper = ReducedStepper(space.scene, space.U, space.decoder, points, tolerance=STOP, current=True)
-    count = min(frames or recorded.motion.frames, recorded.motion.frames)
-    done = run_reduced(stepper, space.scene, recorded.motion, recorded.held, range(count))
-    done = with_errors(done, space.U, model.snapshots.reader(motion), done)
-    assert done.mean_error is not None and done.mean_displacement is not None
-    return float(done.mean_error.sum() / done.mean_displacement.sum())
+def online_error(model: Model, stepper: ReducedStepper | EveryElement, motion: str, frames: int | None) -> float:
+    """Mean vertex distance over mean displacement of a motion, or of its first frames."""
+    full = reference(model.run, motion, frames)
+    with tqdm(total=full.motion.frames, desc=f"{model.name}, {motion}", unit="frame", disable=None) as bar:
+        error = played(stepper, full, progress=bar.update).relative_error
+    assert error is not None
+    return error
 
 
 def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     """Seconds of a fit with its judging, kernels compiled before; memory of the whole process so far."""
-    chosen, kept_back = poses(model, effort)
-    select(model.space, chosen[:4], kept_back[:4], Recipe(Goal(0.5, 4), compliance=False))
-    rows = [row(model.name, "cells", model.cells), row(model.name, "fitted poses", len(chosen))]
+    chosen, options = split(model, effort), FITS["latent-aware"]
+    small = PoseSplit(chosen.fitted[:4], chosen.kept_back[:4], chosen.recorded)
+    choose_on_mesh(model.poses, small, options.replace(tolerance=0.5, max_points=4))
+    rows = [row(model.name, "cells", model.cells), row(model.name, "fitted poses", len(chosen.fitted))]
     large = model.name == "dragon"
     for most in effort.most:
         started = time.perf_counter()
-        recipe = Recipe(Goal(GOALS[most][1], most), **FITS["latent-aware"])
-        select(model.space, chosen, kept_back, recipe)
+        choose_on_mesh(model.poses, chosen, options.replace(tolerance=GOALS[most][1], max_points=most))
         seconds = time.perf_counter() - started
         limit = f"<= {300 if large else 60}" if most == min(effort.most) else None
         rows.append(row(model.name, f"cubature, at most {most} points", seconds, "s", limit))

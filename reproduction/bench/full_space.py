@@ -1,12 +1,13 @@
-"""What a frame of the full space costs, in time and memory: LDSIM_DATA=… python benchmarks/full_space.py [--quick]
+"""What a frame of the full space costs, in time and memory.
 
-Needs the paper's meshes and recordings, and scikit-fem (`pip install '.[dev]'`). One thread. Without --part all parts
-run, one after another; each writes results/full_space_<part>.json when it is done. `--part x` can be given repeatedly:
+Needs the paper's meshes and recordings in $LDSIM_DATA, and scikit-fem (`pip install '.[dev]'`). One thread. Without
+--part all parts run, one after another; each writes reproduction/results/full_space_<part>.json when it is done.
+`--part x` can be given repeatedly:
 
     x        the X while dragging: ours, L-BFGS with the Hessian at rest, and Newton with scikit-fem and SciPy
     beam     all 881 frames of the beam
     dragon   the dragon refined to 454,576 tets, by the direct factor and by multigrid, with peak memory
-    scaling  time a frame against cells, 4k … 455k, with the picture for docs/full_space.md
+    scaling  time a frame against cells, 4k … 455k, with the picture for docs/guide/full_space.md
     memory   peak memory of a snapshot run against its frames
 
 Whatever reports memory runs in a process of its own.
@@ -14,7 +15,6 @@ Whatever reports memory runs in a process of its own.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -25,19 +25,20 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from results_file import RESULTS, Row, row, write_results
 from tqdm import tqdm
 
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.stepper import simulate
 from ldsim.jit import one_thread
-from ldsim.mechanics.loads import Loads, MotionLoads
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.recording import read_recording
@@ -48,14 +49,17 @@ from ldsim.mesh.refine import refined
 from ldsim.mesh.shapes import cross
 from ldsim.pipeline.ensemble import run_motion
 from ldsim.report.svg import PALETTE, new_axes, to_svg
+from reproduction.harness import PICTURES, RESULTS, ROOT, Row, called, parser, row, show, write_results
 
 Array = NDArray[np.float64]
+Solver = Literal["auto", "direct", "multigrid"]
 
+NAME = "full_space"
 TOLERANCE = 1e-6
 DRAGGING = 20
 # Multigrid takes minutes for them on the largest mesh.
 DRAGGING_MULTIGRID = 5
-PICTURE = Path(__file__).parent.parent / "docs" / "pictures" / "full_space_scaling.svg"
+PICTURE = PICTURES / "full_space_scaling.svg"
 # Of each solid: recording, Young's modulus, axis and thickness of the pinned slab (../shared/data/README.md).
 SOLIDS = {
     "x": ("x_1", 6e4, 1, 0.001),
@@ -108,25 +112,18 @@ def load(mesh_name: str, refinements: int) -> tuple[Scene, Motion]:
     return scene, read_recording(data / "interactions" / f"{recording}.csv", recording)
 
 
-def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_solver: str) -> Replay:
+def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_solver: Solver) -> Replay:
     """Step from rest through the first frames of the recording, or of its first drag."""
     started = time.perf_counter()
     scene, motion = load(mesh_name, refinements)
     stepper = FullStepper(scene, FullOptions(tolerance=TOLERANCE, linear_solver=linear_solver))
-    loads = MotionLoads(motion, scene)
-    state = FullState.at_rest(scene.mesh.n_vertices)
     first = motion.drags[0].start if dragging else 0
     compile_step()
     setup = time.perf_counter() - started
-    seconds, solutions = [], []
     name = f"{mesh_name} refined {refinements}×" if refinements else mesh_name
-    words = f"{name}, {stepper.choice.words}"
-    for frame in tqdm(range(first, min(first + count, motion.frames)), desc=words, unit="frame", mininterval=5):
-        acting = loads.at(frame, state.u)
-        started = time.perf_counter()
-        state, solution = stepper.step(state, acting)
-        seconds.append(time.perf_counter() - started)
-        solutions.append(solution)
+    wanted = range(first, min(first + count, motion.frames))
+    frames = list(tqdm(simulate(stepper, motion, frames=wanted), name, len(wanted), unit="frame", mininterval=5))
+    seconds, solutions = [frame.seconds for frame in frames], [frame.solution for frame in frames]
     return Replay(
         name,
         scene.mesh.n_cells,
@@ -140,7 +137,7 @@ def replay(mesh_name: str, refinements: int, count: int, dragging: bool, linear_
         float(np.mean([s.iterations for s in solutions])),
         float(np.mean([s.evaluations for s in solutions])),
         stepper.factorisations,
-        all(s.converged for s in solutions),
+        len(frames) == len(wanted) and all(s.converged for s in solutions),
         peak_gib(),
     )
 
@@ -154,7 +151,8 @@ def compile_step() -> None:
     """Compile, or load, what a step needs, so that no timed frame does; on a small solid."""
     small = cross(resolution=1)
     pinned = small.vertices[:, 1] < small.vertices[:, 1].min() + 1e-9
-    FullStepper(neo_hookean(small, pinned, 1e5)).step(FullState.at_rest(small.n_vertices), Loads())
+    stepper = FullStepper(neo_hookean(small, pinned, 1e5))
+    stepper.step(stepper.rest(), Loads())
 
 
 def snapshot_peak(frames: int) -> float:
@@ -172,17 +170,14 @@ def snapshot_peak(frames: int) -> float:
 
 def in_child(expression: str) -> str:
     """What an expression of this file gives, printed as JSON, in a process of its own."""
-    code = (
-        f"import json; from dataclasses import asdict; from full_space import *\nwith one_thread(): print({expression})"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], check=True, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parent
-    )
+    code = f"from reproduction.bench.full_space import *\nwith one_thread(): print({expression})"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
     return done.stdout.splitlines()[-1]
 
 
 def replay_in_child(
-    mesh_name: str, refinements: int, count: int, dragging: bool = True, linear_solver: str = "auto"
+    mesh_name: str, refinements: int, count: int, dragging: bool = True, linear_solver: Solver = "auto"
 ) -> Replay:
     """`replay` in a process of its own; a frame that did not converge is an error."""
     arguments = (mesh_name, refinements, count, dragging, linear_solver)
@@ -193,7 +188,7 @@ def replay_in_child(
 
 
 def x(quick: bool) -> list[Row]:
-    from full_space_rivals import measure
+    from reproduction.rivals.full_space_rivals import measure
 
     name = "x_538" if quick else "x_29686"
     return measure(name, *load(name, 0), 10 if quick else 50, TOLERANCE)
@@ -214,7 +209,8 @@ def beam(quick: bool) -> list[Row]:
 
 def dragon(quick: bool) -> list[Row]:
     rows = []
-    for solver, frames in (("auto", DRAGGING), ("multigrid", DRAGGING_MULTIGRID)):
+    wanted: list[tuple[Solver, int]] = [("auto", DRAGGING), ("multigrid", DRAGGING_MULTIGRID)]
+    for solver, frames in wanted:
         mesh = ("dragon_6216", 0, 3) if quick else ("dragon_56822", 1, frames)
         p = replay_in_child(*mesh, linear_solver=solver)
         label = f"{p.cells} cells, {p.frames} dragging frames, {p.solver.split(',')[0]}"
@@ -229,14 +225,8 @@ def dragon(quick: bool) -> list[Row]:
 
 
 def scaling(quick: bool) -> list[Row]:
-    print("| mesh | cells | median ms | slowest ms | iterations | factors | preparation s | peak GiB |")
-    print("|---|---|---|---|---|---|---|---|")
-    points = []
-    for mesh_name, refinements in QUICK_SIZES if quick else SIZES:
-        p = replay_in_child(mesh_name, refinements, 5 if quick else DRAGGING)
-        points.append(p)
-        print(f"| {p.model} | {p.cells} | {p.median_ms:.3g} | {p.slowest_ms:.3g} | {p.iterations:.1f} ", end="")
-        print(f"| {p.factorisations} | {p.setup_s:.2g} | {p.peak_gib:.2g} |", flush=True)
+    sizes, count = (QUICK_SIZES, 5) if quick else (SIZES, DRAGGING)
+    points = [replay_in_child(mesh_name, refinements, count) for mesh_name, refinements in sizes]
     cells, ms = np.array([[p.cells, p.median_ms] for p in points]).T
     exponent, constant = np.polyfit(np.log(cells), np.log(ms), 1)
     drawn = RESULTS / "full_space_quick.svg" if quick else PICTURE
@@ -264,13 +254,6 @@ def memory(quick: bool) -> list[Row]:
     return [row("cross", "peak memory of snapshot, long run over short", long / short, "", "<= 1.1")]
 
 
-def show(rows: list[Row]) -> None:
-    """Print rows, a line each."""
-    for entry in rows:
-        words = f"{entry['model']}: {entry['quantity']} = {float(str(entry['value'])):.4g} {entry['unit']}".rstrip()
-        print(f"{words} (goal {entry['goal']})" if entry["goal"] else words, flush=True)
-
-
 PARTS: dict[str, Callable[[bool], list[Row]]] = {
     "x": x,
     "beam": beam,
@@ -281,20 +264,18 @@ PARTS: dict[str, Callable[[bool], list[Row]]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--part", action="append", choices=PARTS, help="only this part; may be given repeatedly")
-    parser.add_argument("--quick", action="store_true", help="small meshes; results/full_space_<part>_quick.json")
-    given = parser.parse_args()
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("--part", action="append", choices=PARTS, help="only this part; may be given repeatedly")
+    arguments.add_argument("--quick", action="store_true", help="small meshes; results/full_space_<part>_quick.json")
+    given = arguments.parse_args()
     if "LDSIM_DATA" not in os.environ:
-        parser.error("set LDSIM_DATA to the folder that holds the paper's meshes/ and interactions/")
-    for part in given.part or PARTS:
-        flags = f" --part {part}" + (" --quick" if given.quick else "")
-        rows = PARTS[part](given.quick)
-        show(rows)
-        name = f"full_space_{part}{'_quick' if given.quick else ''}"
-        print(write_results(name, "python benchmarks/full_space.py" + flags, rows))
+        arguments.error("set LDSIM_DATA to the folder that holds the paper's meshes/ and interactions/")
+    with one_thread():
+        for part in given.part or PARTS:
+            rows = PARTS[part](given.quick)
+            show(rows, part)
+            print(write_results(f"{NAME}_{part}{'_quick' if given.quick else ''}", called(NAME), rows))
 
 
 if __name__ == "__main__":
-    with one_thread():
-        main()
+    main()

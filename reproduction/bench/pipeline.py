@@ -1,22 +1,22 @@
-"""What finished runs measured, as tables and as rows with goals: python benchmarks/pipeline.py runs/demo runs/x …
+"""What finished runs measured, as tables and as rows with goals.
 
 Reads report.json and measures nothing itself: `make EXPERIMENT=…` does. Prints the tables of docs/measurements.md and
-writes benchmarks/results/pipeline.json.
+writes reproduction/results/pipeline.json.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
-from results_file import write_results
+from ldsim.run import SPACES
+from ldsim.settings import STAGES
+from reproduction.harness import Row, called, parser, row, show, write_results
 
 Report = dict[str, Any]
 
-SPACES = ("full", "linear", "latent")
-STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
+NAME = "pipeline"
 
 # Issue 2, Done when: goals of x, by quantity.
 GOALS = {
@@ -125,7 +125,7 @@ def total_seconds(report: Report) -> float:
     return float(sum(stage["seconds"] for stage in report["stages"].values()))
 
 
-def rows_of(report: Report) -> list[Report]:
+def rows_of(report: Report) -> list[Row]:
     """The rows that the issue names; goals are those of x."""
     autoencoder = report["reconstruction"]["train"]["autoencoder"]
     latent = report["cubature"]["latent"]
@@ -147,27 +147,21 @@ def rows_of(report: Report) -> list[Report]:
             values.append((f"median step, {space}, {entry['motion']}", entry["median_step_ms"], "ms"))
     goals = GOALS if report["experiment"] == "x" else {}
     model = report["experiment"]
-    return [
-        {"model": model, "quantity": name, "value": value, "unit": unit, "goal": goals.get(name)}
-        for name, value, unit in values
-    ]
+    return [row(model, name, value, unit, goals.get(name)) for name, value, unit in values]
 
 
-def main(folders: list[Path]) -> None:
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("runs", nargs="+", type=Path, help="folders of finished runs")
+    folders: list[Path] = arguments.parse_args().runs
     reports = [json.loads((folder / "report" / "report.json").read_text()) for folder in folders]
     sizes = [sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1e6 for folder in folders]
     print(size_table(reports, sizes), reconstruction_table(reports), cubature_table(reports), sep="\n")
     print(simulation_table(reports), cost_table(reports), sep="\n")
-    rows = [row for report in reports for row in rows_of(report)]
-    for row in rows:
-        if row["goal"] is not None:
-            print(f"{row['model']}: {row['quantity']} = {number(row['value'])} {row['unit']}, goal {row['goal']}")
-    command = "python benchmarks/pipeline.py " + " ".join(f"runs/{folder.name}" for folder in folders)
-    write_results("pipeline", command, rows, machine=reports[0]["machine"], created=reports[-1]["created"])
+    rows = [entry for report in reports for entry in rows_of(report)]
+    show([entry for entry in rows if entry["goal"] is not None], "Goals")
+    write_results("pipeline", called(NAME), rows, machine=reports[0]["machine"], created=reports[-1]["created"])
 
 
 if __name__ == "__main__":
-    arguments = [Path(argument) for argument in sys.argv[1:] if argument != "--quick"]
-    if not arguments:
-        sys.exit("usage: python benchmarks/pipeline.py runs/EXPERIMENT … (finished runs)")
-    main(arguments)
+    main()

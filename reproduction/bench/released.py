@@ -1,4 +1,4 @@
-"""Where a pulled solid comes to rest once it is let go: python benchmarks/released.py runs/x
+"""Where a pulled solid comes to rest once it is let go.
 
 Pulls in several directions, each released and stepped in the latent space until nothing moves. Prints how far every one
 of these ends is from the equilibrium of the full space, from the nearest pose that the latent space has of it, and from
@@ -7,24 +7,23 @@ the other ends.
 
 from __future__ import annotations
 
-import sys
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from results_file import row, write_results
 
-from ldsim import load
-from ldsim.artefacts.records import read_basis, read_model
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.stepper import FullState, FullStepper
+from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.jit import one_thread
+from ldsim.mechanics.loads import Loads
+from ldsim.run import Run
 from ldsim.simulator import Simulator
-from ldsim.space.encoder import nearest_latent
+from reproduction.harness import called, parser, row, show, write_results
 
 Array = NDArray[np.float64]
 
+NAME = "released"
 PULLS = 6
 HELD_STEPS = 60
 # Steps after which a solid that still moves is taken as it is, and the speed that counts as rest, in diagonals a step.
@@ -51,40 +50,38 @@ def released(sim: Simulator, rng: np.random.Generator) -> tuple[Array, int]:
     return now, steps
 
 
-def main(folder: Path) -> None:
-    sim = load(folder, tolerance=1e-8)
-    scene = sim.scene
-    with one_thread():
-        full, solved = FullStepper(scene, FullOptions(quasistatic=True)).step(
-            FullState.at_rest(scene.mesh.n_vertices), []
-        )
-        rng = np.random.default_rng(0)
-        ends = [released(sim, rng) for _ in range(PULLS)]
-    model, U = read_model(folder / "model.h5")[0], read_basis(folder / "basis.h5")[0].basis.U
-    q = U.T @ (scene.mass @ full.u).ravel()
-    nearest = U @ model.decoder(nearest_latent(model.decoder, q, model.encoder(q[None])[0]))
+def measure(name: str, run: Run) -> None:
+    """Measure and write one run."""
+    space = run.space("latent")
+    stepper = FullStepper(run.scene, FullOptions(quasistatic=True))
+    state, solved = stepper.step(stepper.rest(), Loads())
+    rng, sim = np.random.default_rng(0), Simulator(space, run.stepper(space, tolerance=1e-8))
+    ends = [released(sim, rng) for _ in range(PULLS)]
+    nearest = space.displacement(space.decoder(space.encode(state.u[None])[0][0]))
 
     def away(u: Array, v: Array) -> float:
-        return 1e3 * float(np.linalg.norm(u.reshape(-1, 3) - v.reshape(-1, 3), axis=1).mean())
+        return 1e3 * float(np.linalg.norm(u - v, axis=1).mean())
 
     rows = [
-        row(folder.name, "mean displacement of the full space's equilibrium", away(full.u, 0 * full.u), "mm"),
-        row(folder.name, "gradient there", solved.gradient_norm, "N"),
-        row(folder.name, "nearest latent pose to the equilibrium", away(nearest, full.u), "mm"),
-        row(folder.name, "training error, mean", 1e3 * model.errors[0, 1], "mm"),
-        *(
-            row(folder.name, f"pull {i}: end to the equilibrium", away(u, full.u), "mm")
-            for i, (u, _) in enumerate(ends)
-        ),
-        row(folder.name, "farthest apart two ends", max(away(u, v) for (u, _), (v, _) in combinations(ends, 2)), "mm"),
-        row(folder.name, "steps to rest, most", max(steps for _, steps in ends)),
+        row(name, "mean displacement of the full space's equilibrium", away(state.u, 0 * state.u), "mm"),
+        row(name, "gradient there", solved.gradient_norm, "N"),
+        row(name, "nearest latent pose to the equilibrium", away(nearest, state.u), "mm"),
+        row(name, "training error, mean", 1e3 * float(run.model.errors[0, 1]), "mm"),
+        *(row(name, f"pull {i}: end to the equilibrium", away(u, state.u), "mm") for i, (u, _) in enumerate(ends)),
+        row(name, "farthest apart two ends", max(away(u, v) for (u, _), (v, _) in combinations(ends, 2)), "mm"),
+        row(name, "steps to rest, most", max(steps for _, steps in ends)),
     ]
-    for r in rows:
-        print(f"| {r['quantity']} | {r['value']:.4g} | {r['unit']} |")
-    write_results(f"released_{folder.name}", f"python benchmarks/released.py runs/{folder.name}", rows)
+    show(rows)
+    write_results(f"released_{name}", called(NAME), rows)
+
+
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("run", type=Path, help="folder of a finished run")
+    given = arguments.parse_args()
+    with Run.open(given.run) as run, one_thread():
+        measure(given.run.name, run)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python benchmarks/released.py runs/EXPERIMENT (a finished run)")
-    main(Path(sys.argv[1]))
+    main()

@@ -1,4 +1,4 @@
-"""Random grabs far outside the training data for 100,000 steps: python benchmarks/soak.py runs/x
+"""Random grabs far outside the training data for 100,000 steps.
 
 Grabs come and go with targets up to a hundred diagonals away, up to as stiff as steel; gravity grows to a hundred
 times the earth's, the material changes tenfold either way. Prints what came of the steps and how memory grew, and
@@ -7,21 +7,20 @@ fails where a state is not finite or further from rest than the simulator allows
 
 from __future__ import annotations
 
-import argparse
 import resource
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
-from results_file import write_results
 from tqdm import trange
 
 from ldsim.jit import one_thread
 from ldsim.run import SPACES
 from ldsim.simulator import Handle, Simulator, load
 from ldsim.simulator.simulator import BOUND
+from reproduction.harness import called, parser, row, show, write_results
 
+NAME = "soak"
 STEPS, QUICK = 100_000, 5_000
 
 
@@ -53,11 +52,11 @@ def soak(simulator: Simulator, rng: np.random.Generator, steps: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("run", type=Path)
-    parser.add_argument("--space", choices=SPACES, default="latent")
-    parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("run", type=Path, help="folder of a finished run")
+    arguments.add_argument("--space", choices=SPACES, default="latent")
+    arguments.add_argument("--quick", action="store_true", help="5,000 steps")
+    given = arguments.parse_args()
     steps = QUICK if given.quick else STEPS
     with one_thread():
         simulator = load(given.run, given.space)
@@ -66,17 +65,16 @@ def main() -> None:
         before, started = _memory_mb(), time.perf_counter()
         farthest = soak(simulator, np.random.default_rng(1), steps)
         seconds = time.perf_counter() - started
-    quantities = {f"steps {outcome.name.lower()}": (count, "") for outcome, count in simulator.counts.items()}
-    quantities |= {"farthest from rest": (round(farthest, 3), "diagonals"), "time": (round(seconds, 1), "s")}
-    quantities |= {"memory grown": (round(_memory_mb() - before, 1), "MB")}
-    rows = [
-        {"model": given.run.name, "quantity": f"{given.space}, {name}", "value": value, "unit": unit, "goal": None}
-        for name, (value, unit) in quantities.items()
+    found: list[tuple[str, float, str]] = [
+        *((f"steps {outcome.name.lower()}", count, "") for outcome, count in simulator.counts.items()),
+        ("farthest from rest", round(farthest, 3), "diagonals"),
+        ("time", round(seconds, 1), "s"),
+        ("memory grown", round(_memory_mb() - before, 1), "MB"),
     ]
-    for row in rows:
-        print(f"{row['model']:12} {row['quantity']:28} {row['value']:>10} {row['unit']}")
+    rows = [row(given.run.name, f"{given.space}, {name}", value, unit) for name, value, unit in found]
+    show(rows)
     if not given.quick:
-        write_results("soak", "python " + " ".join(sys.argv), rows)
+        write_results("soak", called(NAME), rows)
 
 
 def _memory_mb() -> float:

@@ -1,12 +1,11 @@
-"""The frontier of benchmarks/step.py: its numbers, its ratios and its picture."""
+"""The frontier of step.py: its numbers, its ratios and its picture."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from results_file import Row, row
-
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
+from reproduction.harness import Row, row
 
 
 class Point(NamedTuple):

@@ -1,4 +1,4 @@
-"""Where the time of a reduced step goes: python benchmarks/step_parts.py runs/x
+"""Where the time of a reduced step goes.
 
 The parts of one evaluation, each compiled in a loop of its own at states of the first motion; what is beside them in a
 step; and the same number of multiplications and additions at the rate of a large matrix product. Whole steps with the
@@ -8,18 +8,14 @@ Every number is the least of several tries spread over the run, for other tenant
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from results_file import Row, row, write_results
 
-from ldsim.artefacts.records import read_basis, read_cubature, read_model, read_scene
-from ldsim.artefacts.simulation import read_simulation
-from ldsim.artefacts.snapshots import Snapshots
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, add_forces, strains, value_gradient
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.tangent import current_tangent
@@ -27,10 +23,14 @@ from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import njit, one_thread
 from ldsim.mechanics.materials.kernels import weighted_stresses
 from ldsim.pipeline.comparison import run_reduced
+from ldsim.run import Run
 from ldsim.space.decoder import decode, decode_jacobian, decode_vjp
+from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.reduced_runs import reference
 
 Array = NDArray[np.float64]
 
+NAME = "step_parts"
 CALLS = 2000
 TRIES = 12
 STATES = 8
@@ -98,25 +98,20 @@ PARTS: dict[str, tuple[Part, int]] = {
 }
 
 
-def measure(folder: Path) -> list[Row]:
+def measure(model: str, run: Run) -> list[Row]:
     """The rows of one finished run, its latent space."""
-    scene, _ = read_scene(folder / "scene.h5")
-    U = read_basis(folder / "basis.h5")[0].basis.U
-    decoder = read_model(folder / "model.h5")[0].decoder
-    points = read_cubature(folder / "cubature.h5")[0]["latent"].stepped
-    steppers = {stop: ReducedStepper(scene, U, decoder, points, tolerance=stop) for stop in STOPS}
-    with Snapshots(folder / "snapshots.h5") as snapshots:
-        first = snapshots.recorded(snapshots.names[0])
-    latent = read_simulation(folder / "simulation.h5")[0]["latent"][first.motion.name].latent
+    space, first = run.space("latent"), reference(run, run.snapshots.names[0])
+    decoder, points = space.decoder, len(space.rule.points)
+    latent = run.simulation["latent"][first.motion.name].latent
     assert latent is not None
     z = np.ascontiguousarray(latent[np.linspace(5, len(latent) - 1, STATES).astype(int)], dtype=np.float64)
-    frames = range(first.motion.frames)
+    steppers = {stop: ReducedStepper(space, ReducedOptions(tolerance=stop)) for stop in STOPS}
     for stepper in steppers.values():
-        run_reduced(stepper, scene, first.motion, first.held, frames)
+        run_reduced(stepper, first)
     best = dict.fromkeys(PARTS, np.inf)
     runs: dict[float, list[Trajectory]] = {stop: [] for stop in STOPS}
     for attempt in range(TRIES):
-        arguments = steppers[STOPS[0]].compiled
+        arguments = steppers[STOPS[0]].compiled()
         for name, (part, calls) in PARTS.items():
             _decode(1, *arguments, z[attempt % STATES])
             part(1, *arguments, z[attempt % STATES])
@@ -124,10 +119,10 @@ def measure(folder: Path) -> list[Row]:
             part(calls, *arguments, z[attempt % STATES])
             best[name] = min(best[name], 1e6 * (time.perf_counter() - started) / calls)
         for stop, stepper in steppers.items():
-            runs[stop].append(run_reduced(stepper, scene, first.motion, first.held, frames))
+            runs[stop].append(run_reduced(stepper, first))
     sizes = decoder.layers.sizes
-    products = 2 * int(np.sum(sizes[1:] * sizes[:-1])) + 2 * 9 * decoder.k * len(points.points)
-    model, label = folder.name, f"r {decoder.r}, k {decoder.k}, {len(points.points)} points"
+    products = 2 * int(np.sum(sizes[1:] * sizes[:-1])) + 2 * 9 * decoder.k * points
+    label = f"r {decoder.r}, k {decoder.k}, {points} points"
     rows = [row(model, f"{name}, {label}", value, "µs") for name, value in best.items()]
     rows += [
         row(model, "multiplications and additions of one evaluation", products),
@@ -167,12 +162,15 @@ def rate() -> float:
     return float(600**3 / min(seconds))
 
 
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("run", type=Path, help="folder of a finished run")
+    folder = arguments.parse_args().run
+    with Run.open(folder) as run, one_thread():
+        found = measure(folder.name, run)
+    show(found)
+    write_results(f"step_parts_{folder.name}", called(NAME), found)
+
+
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python benchmarks/step_parts.py runs/EXPERIMENT (a finished run)")
-    run = Path(sys.argv[1])
-    with one_thread():
-        found = measure(run)
-    for r in found:
-        print(f"| {r['quantity']} | {r['value']:.4g} | {r['unit']} | {r['goal'] or ''} |")
-    write_results(f"step_parts_{run.name}", f"python benchmarks/step_parts.py runs/{run.name}", found)
+    main()

@@ -1,4 +1,4 @@
-"""One frame of the full space by rival solvers, from the same states: a part of benchmarks/full_space.py."""
+"""One frame of the full space by rival solvers, from the same states: a part of bench/full_space.py."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from results_file import Row, row
-from scikit_fem_step import ScikitFemStepper
 from tqdm import tqdm
 
 from ldsim.dynamics.full.linear_choice import choose
@@ -17,13 +15,16 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.mechanics.loads import Grab, MotionLoads
+from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
+from ldsim.optimise.solution import Solution
+from reproduction.harness import Row, row
+from reproduction.rivals.scikit_fem_step import ScikitFemStepper
 
 Array = NDArray[np.float64]
-Step = Callable[[Array, Array, list[Grab]], tuple[Array, int]]
+Step = Callable[[FullState, Loads], tuple[FullState, Solution]]
 
 # Frames before the first drag, for which nothing is noted: kernels are loaded, caches are filled.
 WARM_UP = 3
@@ -42,16 +43,17 @@ class RestStepper:
         self._hessian.factorise(rest)
         self._hessian.prepare(rest, [])
 
-    def step(self, u: Array, u_previous: Array, grabs: list[Grab]) -> tuple[Array, int]:
-        """The displacement after a step from (n, 3) metres, and the iterations."""
-        potential = IncrementalPotential(self._scene, 2 * u - u_previous, grabs)
-        x, scratch = (2 * u - u_previous).ravel(), np.empty(u.size)
-        if not potential.value_gradient(x, scratch) < potential.value_gradient(u.ravel(), scratch):
-            x = u.ravel().copy()
+    def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
+        """The state after a step, and the minimiser's record."""
+        predictor = 2 * state.u - state.u_previous
+        potential = IncrementalPotential(self._scene, predictor, loads.grabs, loads.gravity)
+        x, scratch = predictor.ravel().copy(), np.empty(predictor.size)
+        if not potential.value_gradient(x, scratch) < potential.value_gradient(state.u.ravel(), scratch):
+            x = state.u.ravel().copy()
         solution = minimise(potential.value_gradient, x, self._hessian.solve, self._tolerance, max_iterations=2000)
         if not solution.converged:
             raise RuntimeError(f"L-BFGS with the Hessian at rest: {solution.reason.words}")
-        return x.reshape(-1, 3), solution.iterations
+        return FullState.moving(x.reshape(-1, 3), state.u), solution
 
 
 @dataclass
@@ -82,7 +84,8 @@ def race(scene: Scene, motion: Motion, count: int, tolerance: float) -> tuple[di
         zip(GOALS, (RestStepper(scene, tolerance).step, ScikitFemStepper(scene, tolerance).step), strict=True)
     )
     records = {name: Record() for name in (OURS, *rivals)}
-    stepper, state = FullStepper(scene, FullOptions(tolerance=tolerance)), FullState.at_rest(scene.mesh.n_vertices)
+    stepper = FullStepper(scene, FullOptions(tolerance=tolerance))
+    state = stepper.rest()
     loads = MotionLoads(motion, scene)
     first, made = motion.drags[0].start, 0
     for frame in tqdm(range(first - WARM_UP, first + count), desc="rivals", unit="frame"):
@@ -92,9 +95,9 @@ def race(scene: Scene, motion: Motion, count: int, tolerance: float) -> tuple[di
         taken = {OURS: (time.perf_counter() - started, solution.iterations, 0.0)}
         for name, step in rivals.items():
             started = time.perf_counter()
-            u, iterations = step(before.u, before.u_previous, acting.grabs)
+            other, theirs = step(before, acting)
             seconds = time.perf_counter() - started
-            taken[name] = seconds, iterations, float(np.linalg.norm(u - state.u, axis=1).max())
+            taken[name] = seconds, theirs.iterations, float(np.linalg.norm(other.u - state.u, axis=1).max())
         if frame < first:
             made = stepper.factorisations
             continue
@@ -104,16 +107,12 @@ def race(scene: Scene, motion: Motion, count: int, tolerance: float) -> tuple[di
 
 
 def measure(model: str, scene: Scene, motion: Motion, count: int, tolerance: float) -> list[Row]:
-    """Print the table of the rivals; its rows."""
+    """The rows of the rivals."""
     records, factorisations = race(scene, motion, count, tolerance)
-    print(
-        "| solver | mean ms a frame | median ms | iterations | farthest vertex from ours, mm |\n|---|---|---|---|---|"
-    )
     rows = []
     for name, r in records.items():
         mean, median = 1e3 * float(np.mean(r.seconds)), 1e3 * float(np.median(r.seconds))
         iterations = float(np.mean(r.iterations))
-        print(f"| {name} | {mean:.1f} | {median:.1f} | {iterations:.1f} | {1e3 * r.apart:.2g} |", flush=True)
         rows.append(row(model, f"mean frame while dragging, {name}", mean, "ms"))
         rows.append(row(model, f"median frame while dragging, {name}", median, "ms"))
         rows.append(row(model, f"iterations a frame while dragging, {name}", iterations))

@@ -7,8 +7,6 @@ where the form over the vector basis, with the tangent inside, took 2.6 s (proce
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import skfem
 from numpy.typing import NDArray
@@ -16,8 +14,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from skfem.helpers import ddot, det, grad, inv, transpose
 
-from ldsim.mechanics.loads import Grab
+from ldsim.dynamics.full.stepper import FullState
+from ldsim.mechanics.loads import Grab, Loads
 from ldsim.mechanics.scene import Scene
+from ldsim.optimise.solution import Reason, Solution
 
 Array = NDArray[np.float64]
 IDENTITY = np.eye(3)
@@ -56,23 +56,28 @@ class ScikitFemStepper:
         self._weight = scene.external_force.T.ravel()
         self._free = (np.arange(3)[:, None] * n + scene.free).ravel()
 
-    def step(self, u: Array, u_previous: Array, grabs: Sequence[Grab]) -> tuple[Array, int]:
-        """The displacement after a step from (n, 3) metres, and Newton's iterations."""
-        predictor = (2 * u - u_previous).T.ravel()
-        springs = [self._spring(grab) for grab in grabs]
-        x = u.T.ravel().copy()
+    def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
+        """The state after a step, and Newton's record."""
+        predictor = (2 * state.u - state.u_previous).T.ravel()
+        springs = [self._spring(grab) for grab in loads.grabs]
+        x = state.u.T.ravel().copy()
         value, moving = self._value(x, predictor, springs), self._value(predictor, predictor, springs)
         if moving < value:
             x, value = predictor.copy(), moving
+        evaluations = 2
         for iteration in range(100):
             g = self._gradient(x, predictor, springs)
-            if np.linalg.norm(g[self._free]) <= self._tolerance * max(np.linalg.norm(x), 1.0):
-                return x.reshape(3, -1).T.copy(), iteration
+            slope = float(np.linalg.norm(g[self._free]))
+            if slope <= self._tolerance * max(np.linalg.norm(x), 1.0):
+                done = Solution(value, slope, iteration, evaluations, Reason.CONVERGED)
+                return FullState.moving(x.reshape(3, -1).T.copy(), state.u), done
             d = np.zeros_like(x)
             d[self._free] = self._solve(self._hessian(x, springs), -g[self._free])
             step, f = 1.0, self._value(x + d, predictor, springs)
+            evaluations += 1
             while step > 1e-8 and not f <= value + 1e-12 * abs(value):
                 step /= 2
+                evaluations += 1
                 f = self._value(x + step * d, predictor, springs)
             x, value = x + step * d, f
         raise RuntimeError("scikit-fem's Newton did not converge")
@@ -123,12 +128,12 @@ class ScikitFemStepper:
     def _tangent(self, F: Array) -> Array:
         """∂P_ij/∂F_kl, (3, 3, 3, 3, cells, 1)."""
         J, T, I1 = det(F), transpose(inv(F)), ddot(F, F)
-        TT, turned = np.einsum("ij...,kl...->ijkl...", T, T), np.einsum("il...,kj...->ijkl...", T, T)
+        TT, crossed = np.einsum("ij...,kl...->ijkl...", T, T), np.einsum("il...,kj...->ijkl...", T, T)
         mixed = np.einsum("ij...,kl...->ijkl...", F, T)
         mixed += mixed.transpose(2, 3, 0, 1, 4, 5).copy()
         identity = np.einsum("ik,jl->ijkl", IDENTITY, IDENTITY)[..., None, None]
-        shear = identity - 2 / 3 * mixed + 2 / 9 * I1 * TT + I1 / 3 * turned
-        C: Array = self._mu * J ** (-2 / 3) * shear + self._lam * J * ((2 * J - 1) * TT - (J - 1) * turned)
+        shear = identity - 2 / 3 * mixed + 2 / 9 * I1 * TT + I1 / 3 * crossed
+        C: Array = self._mu * J ** (-2 / 3) * shear + self._lam * J * ((2 * J - 1) * TT - (J - 1) * crossed)
         return C
 
     def _spring(self, grab: Grab) -> tuple[csr_matrix, Array]:

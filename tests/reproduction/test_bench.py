@@ -1,0 +1,82 @@
+"""Every module of reproduction/ fits the package, and every benchmark says how it is called."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pkgutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import reproduction
+from ldsim.cubature.rule import CubatureRule
+from reproduction import harness
+from reproduction.bench.kept import kept, kept_rules
+from reproduction.harness import called, row, write_results
+
+MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
+BENCHES = [
+    *("batched", "browser", "cubature", "full_space", "pipeline", "released"),
+    *("soak", "space", "step", "step_parts", "step_sizes"),
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_module_imports(name: str) -> None:
+    importlib.import_module(name)
+
+
+def test_every_module_with_a_command_is_listed_here() -> None:
+    modules = {name for name in MODULES if hasattr(importlib.import_module(name), "main")}
+    assert modules == {f"reproduction.bench.{name}" for name in BENCHES}
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_benchmark_says_by_what_name_it_is_called(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = importlib.import_module(f"reproduction.bench.{name}")
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
+    with pytest.raises(SystemExit) as left:
+        module.main()
+    assert left.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: python -m {module.__name__} ")
+    assert module.NAME == name
+
+
+def test_results_say_where_they_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harness, "RESULTS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["soak.py", f"{tmp_path}/x", "--quick"])
+    write_results("some", called("soak"), [row("x", "a number", 1.5, "s", "<= 2"), row("x", "lost", float("nan"))])
+    content = json.loads((tmp_path / "some.json").read_text("utf-8"))
+    assert {"machine", "versions", "command", "commit", "created", "rows"} == set(content)
+    assert content["command"] == "python -m reproduction.bench.soak runs/x --quick"
+    assert content["rows"][0] == {"model": "x", "quantity": "a number", "value": 1.5, "unit": "s", "goal": "<= 2"}
+    assert content["rows"][1]["value"] is None
+
+
+def test_what_is_kept_is_not_measured_again(tmp_path: Path) -> None:
+    assert kept(tmp_path / "a.json", lambda: [1.5]) == [1.5]
+    assert kept(tmp_path / "a.json", lambda: [2.5]) == [1.5]
+
+
+def test_kept_rules_come_back_as_they_were(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rules = [
+        CubatureRule(np.array([3, 5]), np.array([1.0, 2.0]), 0.5, heldout_error=0.75),
+        CubatureRule(np.array([2]), np.array([1.5]), 0.25, rng.normal(size=(1, 9, 4))),
+    ]
+    path = tmp_path / "new" / "rules.npz"
+    for found in (kept_rules(path, lambda: rules), kept_rules(path, list)):
+        assert len(found) == len(rules)
+        for rule, expected in zip(found, rules, strict=True):
+            assert list(rule.points) == list(expected.points)
+            assert list(rule.weights) == list(expected.weights)
+            assert rule.training_error == expected.training_error
+            assert rule.heldout_error == pytest.approx(expected.heldout_error, nan_ok=True)
+            assert (rule.maps is None) == (expected.maps is None)
+            if rule.maps is not None and expected.maps is not None:
+                np.testing.assert_array_equal(rule.maps, expected.maps)
