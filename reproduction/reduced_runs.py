@@ -78,3 +78,8 @@ def played(
         restart = restarts_every(stepper.scene, window)
         windowed = run_reduced(stepper, full, restart=restart, progress=progress)
     return with_errors(whole, windowed, stepper.space, full)
+
+
+def online_error(found: Trajectory) -> float:
+    """Mean vertex distance to the full-space run over its mean displacement; NaN where nothing moved."""
+    return float("nan") if found.relative_error is None else found.relative_error

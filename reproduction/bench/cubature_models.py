@@ -113,7 +113,7 @@ def once_refined(poses: PoseSpace) -> PoseSpace:
     def finer(nodal: NDArray[np.floating]) -> NDArray[np.floating]:
         return np.concatenate([nodal, (nodal[first] + nodal[second]) / 2])
 
-    eight = {name: np.repeat(getattr(coarse, name), 8) for name in ("material", "mu", "lam", "density")}
+    eight: dict[str, Any] = {name: np.repeat(getattr(coarse, name), 8) for name in ("material", "mu", "lam", "density")}
     pinned = np.concatenate([coarse.pinned, coarse.pinned[first] & coarse.pinned[second]])
     scene: Scene = replace(coarse, mesh=mesh, pinned=pinned, **eight)
     basis = Basis(np.asarray(finer(poses.space.reduced_basis.fields)), scene.mass)

@@ -25,7 +25,7 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from reproduction.bench.cubature_models import Model
 from reproduction.bench.kept import kept, kept_rules
 from reproduction.harness import Row, row
-from reproduction.reduced_runs import played, reference
+from reproduction.reduced_runs import online_error, played, reference
 from reproduction.rivals.every_element import EveryElement
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ class Fitted:
         """The online error of all quadrature points."""
         path = self.folder / f"{self.model.name}-every_element-{motion}.json"
         stepper = EveryElement(self.model.poses.space)
-        return kept(path, lambda: online_error(self.model, stepper, motion, self.effort.frames))
+        return kept(path, lambda: motion_error(self.model, stepper, motion, self.effort.frames))
 
 
 def judged(model: Model, effort: Effort, rules: list[CubatureRule]) -> Iterator[tuple[str, str, Array]]:
@@ -175,7 +175,7 @@ def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
                 continue
             rule = largest(fitted.rules(fit, most), size)
             stepper = ReducedStepper(model.poses.space.with_rule(rule), STEPS)
-            value = online_error(model, stepper, motion, effort.frames)
+            value = motion_error(model, stepper, motion, effort.frames)
             print(f"  {model.name}: {fit}, {size} points, {label}: {value:.4f}, all {whole:.4f}", flush=True)
             goal = "<= 0.01" if fit == "latent-aware" and size in effort.most else None
             rows.append(row(model.name, f"online error, {fit}, {size} points, {label}", value))
@@ -184,13 +184,11 @@ def online(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:
     return rows
 
 
-def online_error(model: Model, stepper: ReducedStepper | EveryElement, motion: str, frames: int | None) -> float:
+def motion_error(model: Model, stepper: ReducedStepper | EveryElement, motion: str, frames: int | None) -> float:
     """Mean vertex distance over mean displacement of a motion, or of its first frames."""
     full = reference(model.run, motion, frames)
     with tqdm(total=full.motion.frames, desc=f"{model.name}, {motion}", unit="frame", disable=None) as bar:
-        error = played(stepper, full, progress=bar.update).relative_error
-    assert error is not None
-    return error
+        return online_error(played(stepper, full, progress=bar.update))
 
 
 def scaling(model: Model, effort: Effort, fitted: Fitted) -> list[Row]:

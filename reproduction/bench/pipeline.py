@@ -90,7 +90,7 @@ def simulation_table(reports: list[Report]) -> str:
     for report in reports:
         for space in SPACES:
             for entry in report["simulate"][space]:
-                error = entry["online_error"] or dict.fromkeys(("relative", "windowed", "max_mm", "mean_mm"))
+                error: Report = entry["online_error"] or dict.fromkeys(("relative", "windowed", "max_mm", "mean_mm"))
                 lines.append(
                     [
                         f"{report['experiment']}, {entry['motion']} ({entry['role']})",

@@ -19,7 +19,7 @@ from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import bar, catapult, dragon, elephant
-from reproduction.reduced_runs import PLAYED, displacements, latent, play, training_coordinates
+from reproduction.reduced_runs import PLAYED, displacements, latent, online_error, play, training_coordinates
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def cubature_against_every_element(bench: Harness) -> Outcome:
         assert trajectory.mean_error is not None
         ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=0.5 + 0.5 * i, label=label)
     legend(ax)
-    errors = {label: trajectory.relative_error for label, trajectory in played.items()}
+    errors = {label: online_error(trajectory) for label, trajectory in played.items()}
     every, few = errors.values()
     relations = (
         Relation("online error with every element", every, "<= 0.1"),
@@ -122,8 +122,8 @@ def material_after_training(bench: Harness) -> Outcome:
         assert trajectory.mean_error is not None
         ax.plot(1e3 * trajectory.mean_error, color=PALETTE["latent"], alpha=1 - 0.5 * i, label=label)
     legend(ax)
-    errors = {label: trajectory.relative_error for label, trajectory in curves.items()}
-    errors["stiffened, material not changed"] = unchanged.relative_error
+    errors = {label: online_error(trajectory) for label, trajectory in curves.items()}
+    errors["stiffened, material not changed"] = online_error(unchanged)
     relations = (
         Relation("online error as trained", errors["as trained"], "<= 0.05"),
         Relation("online error, twice the modulus set after training", errors["stiffened after training"], "<= 0.1"),
@@ -150,10 +150,10 @@ def local_pull(bench: Harness) -> Outcome:
         played = play(run, name, space)
         assert played.coordinates is not None
         moved = {"full": still, "latent": _pulled_less_unpulled(space.displacement(played.coordinates))}
-        shares = {space: _share(u, far) for space, u in moved.items()}
+        shares = {name: _share(u, far) for name, u in moved.items()}
     figure, ax = new_axes("frame", "mean displacement of the far half, mm", height=3.2)
-    for space, u in moved.items():
-        ax.plot(1e3 * np.linalg.norm(u[:, far], axis=2).mean(axis=1), color=PALETTE[space], label=space)
+    for label, u in moved.items():
+        ax.plot(1e3 * np.linalg.norm(u[:, far], axis=2).mean(axis=1), color=PALETTE[label], label=label)
     legend(ax)
     relations = (
         Relation(
@@ -162,7 +162,7 @@ def local_pull(bench: Harness) -> Outcome:
             ">= 1.2",
         ),
     )
-    numbers = {"far_share": shares, "online_error": played.relative_error}
+    numbers = {"far_share": shares, "online_error": online_error(played)}
     return Outcome(to_svg(figure, "Motion of the half of the elephant far from a local pull"), numbers, relations)
 
 

@@ -11,7 +11,7 @@ from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration
-from reproduction.reduced_runs import displacements, largest_error, latent, play, training_coordinates
+from reproduction.reduced_runs import displacements, largest_error, latent, online_error, play, training_coordinates
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def larger_bends(bench: Harness) -> Outcome:
     with Run.open(bench.made(_configuration(bench), "train")) as run:
         spaces = {f"PCA-{k}": Space.linear(run.scene, run.basis, k) for k in (1, 2)} | {"autoencoder-1": latent(run)}
         runs = {name: play(run, "swing", space) for name, space in spaces.items()}
-        errors = {name: result.relative_error for name, result in runs.items()}
+        errors = {name: online_error(result) for name, result in runs.items()}
         paths = {"full": _bob(run, displacements(run, "swing"))}
         for name, result in runs.items():
             assert result.coordinates is not None

@@ -15,6 +15,7 @@ from ldsim.run import Run
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration, armadillo, bar, cross, elephant
+from reproduction.reduced_runs import online_error
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Side:
     step_ms: float
     evaluations: float
     evaluation_us: float
-    online_error: float | None
+    online_error: float
 
 
 def sides(bench: Harness, configuration: Configuration) -> dict[str, Side]:
@@ -42,7 +43,7 @@ def sides(bench: Harness, configuration: Configuration) -> dict[str, Side]:
                 1e3 * float(np.nanmedian(played.seconds)),
                 float(played.evaluations.mean()),
                 1e6 * float(np.nanmedian(played.seconds / np.maximum(played.evaluations, 1))),
-                played.relative_error,
+                online_error(played),
             )
     return found
 

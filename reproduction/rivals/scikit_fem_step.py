@@ -68,7 +68,7 @@ class ScikitFemStepper:
         for iteration in range(100):
             g = self._gradient(x, predictor, springs)
             slope = float(np.linalg.norm(g[self._free]))
-            if slope <= self._tolerance * max(np.linalg.norm(x), 1.0):
+            if slope <= self._tolerance * max(float(np.linalg.norm(x)), 1.0):
                 done = Solution(value, slope, iteration, evaluations, Reason.CONVERGED)
                 return FullState.moving(x.reshape(3, -1).T.copy(), state.u), done
             d = np.zeros_like(x)
@@ -103,8 +103,8 @@ class ScikitFemStepper:
             return float("inf")
         density = 0.5 * self._mu * (J ** (-2 / 3) * ddot(F, F) - 3) + 0.5 * self._lam * (J - 1) ** 2
         offset = x - predictor
-        value = float(np.sum(density * self._vector.dx)) + 0.5 * offset @ (self._inertia @ offset) - self._weight @ x
-        return value + sum(0.5 * float(np.sum((A @ x - target) ** 2)) for A, target in springs)
+        value = np.sum(density * self._vector.dx) + 0.5 * offset @ (self._inertia @ offset) - self._weight @ x
+        return float(value) + sum(0.5 * float(np.sum((A @ x - target) ** 2)) for A, target in springs)
 
     def _gradient(self, x: Array, predictor: Array, springs: list[tuple[csr_matrix, Array]]) -> Array:
         F = self._deformation(x)
@@ -123,7 +123,8 @@ class ScikitFemStepper:
         H = skfem.bmat(blocks, "csr") + self._inertia
         for A, _ in springs:
             H = H + A.T @ A
-        return H[self._free][:, self._free]
+        free: csr_matrix = H[self._free][:, self._free]
+        return free
 
     def _tangent(self, F: Array) -> Array:
         """∂P_ij/∂F_kl, (3, 3, 3, 3, cells, 1)."""
