@@ -48,6 +48,7 @@ class Run:
     def __init__(self, folder: str | Path, experiment: str | None = None) -> None:
         self.folder = Path(folder)
         self.experiment = self.folder.name if experiment is None else experiment
+        self._named_by = ""
         self._read: dict[str, tuple[Any, Header]] = {}
         self._hashes: dict[str, str] = {}
         self._snapshots: Snapshots | None = None
@@ -64,6 +65,7 @@ class Run:
         run = cls(folder)
         with reading(run.path("scene"), "scene") as file:
             run.experiment = str(read_header(file).notes.get("experiment", run.experiment))
+            run._named_by = f", as in {run.path('scene')}, the experiment"
         return run
 
     def __enter__(self) -> Run:
@@ -102,7 +104,8 @@ class Run:
             experiment = header.notes.get("experiment")
             if experiment != self.experiment:
                 raise ArtefactError(
-                    f"{path} belongs to the experiment {experiment!r}, expected {self.experiment!r}; run make"
+                    f"{path} belongs to the experiment {experiment!r}, expected{self._named_by} {self.experiment!r}; "
+                    "run make"
                 )
             for name in set(kinds) & set(header.inputs):
                 if header.inputs[name] != self.hash(name):

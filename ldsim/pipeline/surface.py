@@ -39,9 +39,7 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
         mended = repaired(surface)
         for repair in mended.repairs:
             tell(f"{path.name}: {repair}")
-        tell(
-            f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, tetrahedralizing"
-        )
+        tell(f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, meshing")
         found = _tets(mended.surface, options, tell)
     quality = found.quality()
     _tell_quality(found.mesh.n_cells, quality, tell)

@@ -66,6 +66,7 @@ def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
         ArtefactError: an artefact is missing or does not fit the others, or the folder cannot be written.
     """
     begun = run.stage("report", ReportOptions(pictures=wanted.pictures))
+    run.space("latent")  # a damaged file is named before the simulation that is stale for it
     run.require("scene", "snapshots", "basis", "model", "cubature", "simulation")
     with one_thread(), progress.bar("report", None, "picture") as bar:
         made = build_report(run, wanted, lambda: begun.cost, bar.update)

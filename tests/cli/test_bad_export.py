@@ -47,4 +47,4 @@ def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, ca
 
 def test_an_export_of_no_run(tmp_path: Path) -> None:
     message = refused(CliRunner().invoke(main, ["export", str(tmp_path / "nothing"), "--format", "gltf"]))
-    assert "does not exist; expected a folder with scene.h5" in message
+    assert "nothing is not the folder of a run; give one such as runs/demo" in message

@@ -76,7 +76,10 @@ CUBATURES: dict[str, tuple[dict[str, object], str]] = {
     "a negative tolerance": ({"tolerance": -0.1}, "cubature.tolerance: input should be greater than 0, got -0.1"),
     "no points": ({"max_points": 0}, "cubature.max_points: input should be greater than or equal to 1, got 0"),
     "an unknown method": ({"method": "magic"}, "cubature.method: input should be 'exchange', 'ecsw'"),
-    "more than all of the true forces": ({"closure": 1.5}, "cubature.closure: input should be less than or equal to 1"),
+    "more than all of the true forces": (
+        {"terms": {"closure": 1.5}},
+        "cubature.terms.closure: input should be less than or equal to 1",
+    ),
 }
 
 
