@@ -2,7 +2,7 @@
 
     E(z) = ½ (q − q̂)ᵀ M̃/h² (q − q̂) + Σ_s w_s Ψ(F_s) − f̃·q + Σ ½ k ‖c₀ + B q − target‖²,  q = φ(z)
 
-as `dynamics.reduced_potential` has it (paper, Eq. 12), with grabs, gravity and material of each instance's own.
+as `dynamics.reduced.potential` has it (paper, Eq. 12), with grabs, gravity and material of each instance's own.
 """
 
 from __future__ import annotations
