@@ -178,7 +178,7 @@ def step(
         renew: whether to renew it at the start of this step.
 
     Returns:
-        iterations, evaluations, reason (`optimise.solution.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
+        iterations, evaluations, reason (`solution.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
         infinite energy unless it was given there.
     """
     g = work.g
