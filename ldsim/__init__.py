@@ -16,7 +16,7 @@ HOMES = {
     "Run": "ldsim.run",
     "Simulator": "ldsim.simulator",
     "load": "ldsim.simulator",
-    "simulate": "ldsim.dynamics.stepper",
+    "simulate": "ldsim.dynamics.simulate",
 }
 
 

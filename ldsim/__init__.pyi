@@ -1,4 +1,4 @@
-from ldsim.dynamics.stepper import simulate as simulate
+from ldsim.dynamics.simulate import simulate as simulate
 from ldsim.run import Run as Run
 from ldsim.simulator import Simulator as Simulator
 from ldsim.simulator import load as load

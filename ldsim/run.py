@@ -198,27 +198,29 @@ class Run:
         """Of every pin that moves in one of the motions."""
         return Lifting.of(self.scene, [self.recorded(name).motion for name in self.snapshots.names])
 
-    def space(self, name: str, points: int | None = None) -> Space:
+    def space(self, name: str, points: int | None = None, scene: Scene | None = None) -> Space:
         """A space with the cubature rule that was chosen for it.
 
         Args:
             name: "full", "linear" or "latent".
             points: take the largest rule of at most so many points of the mesh instead.
+            scene: the solid with another material, of which virtual points know nothing (`RulePath.stepped`).
 
         Raises:
             ArtefactError: there is no such space, or what it needs is missing or stale.
         """
         if name not in SPACES:
             raise ArtefactError(f"space is {name!r}; known are {', '.join(SPACES)}")
+        solid = self.scene if scene is None else scene
         if name == "full":
-            return Space.full(self.scene)
-        basis, model, stored = self.basis, self.model, self.cubature[name]  # the first stage missing is named
-        rule = stored.stepped if points is None else stored.at_most(points)
+            return Space.full(solid)
+        basis, model, rules = self.basis, self.model, self.cubature[name]  # the first stage missing is named
+        rule = rules.stepped(points, changed_material=scene is not None)
         if name == "linear":
-            space = Space.linear(self.scene, basis, model.kp, rule)
+            space = Space.linear(solid, basis, model.kp, rule)
         else:
-            networks = (model.decoder, model.encoder)
-            space = replace(Space.latent(self.scene, basis, networks, rule), novelty=model.novelty)
+            space = Space.latent(solid, basis, (model.decoder, model.encoder), rule)
+            space = replace(space, novelty=model.novelty)
         return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
 
     def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:

@@ -10,7 +10,7 @@ from ldsim import __version__
 from ldsim.cli.app import browser_option, port_option, until_closed_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
-from ldsim.settings.starting import RecordOptions, recording_scene
+from ldsim.settings.record import RecordOptions, recording_scene
 from ldsim.viewer.playground import record_server
 from ldsim.viewer.serving import serve
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.cubature.exchange import exchange
 from ldsim.cubature.options import FitOptions
 from ldsim.cubature.path import PathBuilder, RulePath, Tell
+from ldsim.cubature.point_exchange import exchange
 from ldsim.cubature.system import Candidates, System
 
 Array = NDArray[np.float64]

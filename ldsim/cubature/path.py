@@ -60,10 +60,16 @@ class RulePath:
         """The chosen rule on the mesh."""
         return self.rules[self.chosen]
 
-    @property
-    def stepped(self) -> CubatureRule:
-        """What a step takes unless told otherwise: the virtual points, or else the chosen rule on the mesh."""
-        return self.best if self.virtual is None else self.virtual.rule
+    def stepped(self, points: int | None = None, changed_material: bool = False) -> CubatureRule:
+        """The rule that a step takes: the virtual points, or else the chosen rule on the mesh.
+
+        Args:
+            points: take the largest rule on the mesh of at most so many points instead.
+            changed_material: whether the solid has another material than the fit; virtual points are of the fit's own.
+        """
+        if points is not None:
+            return self.at_most(points)
+        return self.best if self.virtual is None or changed_material else self.virtual.rule
 
     def at_most(self, points: int) -> CubatureRule:
         """The largest rule on the mesh of at most so many points, or the smallest there is."""

@@ -21,7 +21,7 @@ from ldsim.cubature.system import System
 from ldsim.cubature.terms import ForceTerm
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.jit import in_threads
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene

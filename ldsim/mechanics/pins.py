@@ -1,8 +1,9 @@
-"""Supports: which vertices are pinned."""
+"""Pins: which vertices are pinned, and where those are that were moved."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,27 @@ from numpy.typing import NDArray
 from ldsim.errors import SceneError
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class MovedPins(NamedTuple):
+    """Pinned vertices that were moved together, x = A X + b.
+
+    Attributes:
+        vertices: which, (v,) int64.
+        map: (A | b), (3, 4) float64; b in metres.
+    """
+
+    vertices: Indices
+    map: Array
+
+    def displacement(self, rest: Array) -> Array:
+        """A X + b − X of these vertices, (v, 3) metres, from the rest positions of all, (n, 3)."""
+        X = rest[self.vertices]
+        u: Array = X @ self.map[:, :3].T + self.map[:, 3] - X
+        return u
 
 
 def pinned_vertices(mesh: Mesh, regions: Sequence[Region]) -> NDArray[np.bool_]:

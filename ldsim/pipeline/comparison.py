@@ -17,7 +17,7 @@ from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import Frame, simulate
+from ldsim.dynamics.simulate import Frame, simulate
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Motion

@@ -23,7 +23,7 @@ from ldsim.artefacts.snapshots import motion_arrays
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
-from ldsim.dynamics.stepper import Frame, simulate
+from ldsim.dynamics.simulate import Frame, simulate
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion

@@ -7,7 +7,7 @@ from pathlib import Path
 from ldsim.errors import LdsimError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.options import ScriptOptions
-from ldsim.mechanics.pulls import surface_pulls
+from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.script import released, scripted, swept

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from ldsim.artefacts.simulation import write_simulation
-from ldsim.cubature.path import RulePath
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
@@ -63,21 +61,10 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
 
 def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
     """The reduced spaces, with the rules and the material that are asked for."""
-    scene = run.scene
+    scene = None
     if options.material is not None:
-        scene = with_properties(scene, properties_of(scene).changed(Change.of(options.material)))
-    found = []
-    for name, points in (("linear", options.linear_points), ("latent", options.points)):
-        rule = _rule(run.cubature[name], points, options.material is not None)
-        found.append(replace(run.space(name), scene=scene, rule=rule, lifting=None))
-    return found
-
-
-def _rule(stored: RulePath, points: int | None, changed: bool) -> CubatureRule:
-    """Points of the mesh where so many are asked for, or the material is another than that of the virtual points."""
-    if points is not None:
-        return stored.at_most(points)
-    return stored.best if changed else stored.stepped
+        scene = with_properties(run.scene, properties_of(run.scene).changed(Change.of(options.material)))
+    return [run.space("linear", options.linear_points, scene), run.space("latent", options.points, scene)]
 
 
 def _known(wanted: Sequence[str] | None, known: Sequence[str]) -> list[str]:

@@ -20,7 +20,7 @@ from ldsim.learn.search import Searched, search
 from ldsim.learn.training import Trained, train_ordered
 from ldsim.learn.training import train as train_alone
 from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.pulls import surface_pulls
+from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.pipeline.progress import SILENT, Bar, Progress
 from ldsim.run import Run
 from ldsim.space.novelty import fit_novelty

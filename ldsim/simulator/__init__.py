@@ -8,7 +8,7 @@
 `play`, `record` and scripts all step through it.
 """
 
-from ldsim.simulator.loading import full_simulator, load
+from ldsim.simulator.from_run import full_simulator, load
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.simulator.simulator import Handle, Simulator
 

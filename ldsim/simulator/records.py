@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.loads import Grab, MovedPins
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.pins import MovedPins
 from ldsim.optimise.solution import Reason
 
 Array = NDArray[np.float64]

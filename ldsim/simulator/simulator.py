@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.loads import Grab, Loads, MovedPins, held_vertices, usual_grip
+from ldsim.mechanics.grabs import Grab, held_vertices, usual_grip
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator.records import Outcome, SavedState, StepRecord

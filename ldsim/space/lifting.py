@@ -18,8 +18,8 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg
 
 from ldsim.errors import MotionError, SolverError
-from ldsim.mechanics.loads import MovedPins
 from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.space.pca import Chunks
 

@@ -5,6 +5,7 @@
     latent   z ∈ R^r,  u = U φ(z)     a weighted few
 
 The linear space is the latent one with the identity for φ. Where pins move, u = U φ(z) + L a, with a given.
+A run's spaces are made by `Run.space` in ldsim/run.py, with the rule that its `RulePath.stepped` picks.
 """
 
 from __future__ import annotations

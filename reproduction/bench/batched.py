@@ -18,7 +18,8 @@ from ldsim.dynamics.batched import BatchedState, BatchedStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_vertices
 from ldsim.report.machine import describe_machine

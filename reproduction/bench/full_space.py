@@ -36,7 +36,7 @@ from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Motion

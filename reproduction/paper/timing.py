@@ -39,7 +39,7 @@ def sides(bench: Harness, configuration: Configuration) -> dict[str, Side]:
             played = run.simulation[space][motion]
             found[space] = Side(
                 dimension,
-                len(run.cubature[space].stepped.points),
+                len(run.cubature[space].stepped().points),
                 1e3 * float(np.nanmedian(played.seconds)),
                 float(played.evaluations.mean()),
                 1e6 * float(np.nanmedian(played.seconds / np.maximum(played.evaluations, 1))),

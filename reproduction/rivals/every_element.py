@@ -15,7 +15,8 @@ from scipy.linalg import cho_factor, cho_solve
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import reduced_mass
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Solution

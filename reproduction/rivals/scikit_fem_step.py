@@ -15,7 +15,8 @@ from scipy.sparse.linalg import splu
 from skfem.helpers import ddot, det, grad, inv, transpose
 
 from ldsim.dynamics.full.stepper import FullState
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from ldsim.cli.app import main
 from ldsim.pipeline.files import resolve_path
 from ldsim.settings import load_settings
-from ldsim.settings.starting import RecordOptions, starting_settings
+from ldsim.settings.record import RecordOptions, starting_settings
 from tests.cli.experiments import TINY, refused
 from tests.report.small_run import write_run
 from tests.simulator.playable import write_playable
@@ -128,7 +128,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     monkeypatch.setattr("ldsim.cli.record.serve", lambda server, *_: served.append(server))
     if name.endswith(".off"):
         pytest.importorskip("pytetwild", reason="fTetWild is not installed: pip install 'ldsim[surface]'")
-        monkeypatch.setattr("ldsim.settings.starting.FINE_CELLS", 60)
+        monkeypatch.setattr("ldsim.settings.record.FINE_CELLS", 60)
     source, made = tmp_path / name, tmp_path / "configs" / "made.yaml"
     source.write_text(content, encoding="utf-8")
     motion = tmp_path / "m.csv"

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from ldsim.artefacts.records import read_scene
 from ldsim.cli.app import main
 from ldsim.errors import LdsimError
-from ldsim.mechanics.loads import MovedPins
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene, properties_of
 from ldsim.mesh.shapes import beam
 from ldsim.pipeline.motions import motion

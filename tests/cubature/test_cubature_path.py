@@ -136,7 +136,7 @@ def test_a_greedy_choice_that_a_pair_makes_superfluous_is_taken_out_again() -> N
 
 def test_exchanges_lower_the_error_of_as_many_points(monkeypatch: pytest.MonkeyPatch) -> None:
     exchanged = fit_to(forces_of("linear tet4"), 1e-4, 12)
-    monkeypatch.setattr("ldsim.cubature.exchange.EXCHANGES", 0)
+    monkeypatch.setattr("ldsim.cubature.point_exchange.EXCHANGES", 0)
     greedy = fit_to(forces_of("linear tet4"), 1e-4, 12)
     assert len(greedy.best.points) == len(exchanged.best.points) == 12
     assert exchanged.best.training_error < 0.95 * greedy.best.training_error

@@ -13,11 +13,11 @@ from scipy.sparse import eye_array, kron
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.pulls import random_pulls
+from ldsim.mechanics.random_pulls import random_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.basis import Basis

@@ -13,13 +13,17 @@ import pytest
 import ldsim.web
 
 NODE = shutil.which("node")
-STEP = Path(ldsim.web.__file__).parent / "src" / "step.js"
-IMPORTS = f"""
-import {{ readFileSync }} from "node:fs";
-import {{
-  material, Stepper, displaced, held, readSafetensors, spaceOf, springOn
-}} from {json.dumps(STEP.as_uri())};
-"""
+SOURCES = Path(ldsim.web.__file__).parent / "src"
+NAMES = {
+    "arrays": "readSafetensors",
+    "generated/materials": "material",
+    "model": "held, spaceOf, springOn",
+    "stepping": "Stepper",
+    "surface": "displaced",
+}
+IMPORTS = 'import { readFileSync } from "node:fs";' + "".join(
+    f"import {{ {names} }} from {json.dumps((SOURCES / f'{module}.js').as_uri())};" for module, names in NAMES.items()
+)
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed: it runs the playground's step")
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.export.playground import write_playground
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mesh.surface import Surface
 from ldsim.run import Run
 from tests.viewer.browser import CHROMIUM, Tab, chromium

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.export.arrays import safetensors, space_arrays
-from ldsim.mechanics.loads import held_vertices
+from ldsim.mechanics.grabs import held_vertices
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene

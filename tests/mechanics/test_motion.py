@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.loads import MotionLoads, held_vertices
+from ldsim.mechanics.grabs import held_vertices
+from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam

@@ -10,7 +10,7 @@ import pytest
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.pulls import random_pulls, spread_directions
+from ldsim.mechanics.random_pulls import random_pulls, spread_directions
 from ldsim.mechanics.recording import read_recording, write_recording
 
 HEADER = "# spring_stiffness_n_per_m: 30\n# grab_radius_m: 0.03\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.loads import MovedPins
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.script import Path, frame_times, frames_until, grab_along, gravity_sweep, rotations, support_along
 
 STEP = [(1.0, (0.0,)), (2.0, (10.0,)), (4.0, (6.0,))]

@@ -12,7 +12,7 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion, Support

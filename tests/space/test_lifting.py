@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.errors import MotionError
-from ldsim.mechanics.loads import MovedPins
 from ldsim.mechanics.motion import Motion, Support
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.lifting import Lifting, harmonic_weights

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full.stepper import FullStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.errors import MotionError
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator

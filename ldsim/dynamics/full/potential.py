@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import vertex_rotations
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.linear import LinearSolver

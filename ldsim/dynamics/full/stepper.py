@@ -19,10 +19,11 @@ from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import WarpedHessian
-from ldsim.dynamics.stepper import Frame
+from ldsim.dynamics.simulate import Frame
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import smallest_volume_ratio
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Solution

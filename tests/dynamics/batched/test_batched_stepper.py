@@ -19,9 +19,11 @@ from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import MotionError, SolverError
-from ldsim.mechanics.loads import Grab, Loads, MovedPins
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion, Support
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason

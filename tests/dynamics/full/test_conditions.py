@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.recording import read_recording

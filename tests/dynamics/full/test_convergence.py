@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
-from ldsim.mechanics.loads import Loads, MovedPins
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.materials.kernels import energy_stress
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.quadrature import reference_points
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh

@@ -9,7 +9,8 @@ from ldsim.dynamics.full.linear_choice import choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.errors import SolverError
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.sparse import factor_bytes
 from tests.helpers import scene

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full.preconditioner import WarpedHessian, grab_rows
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam

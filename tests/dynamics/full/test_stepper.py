@@ -12,10 +12,11 @@ from scipy.linalg import eigh
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.elastic import elastic_energy
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene

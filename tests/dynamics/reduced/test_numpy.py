@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.mechanics.loads import Grab, Loads
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.properties import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder

@@ -17,11 +17,13 @@ from ldsim.dynamics.reduced.potential import value_gradient
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
-from ldsim.dynamics.stepper import simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.errors import MotionError
 from ldsim.jit import in_threads
-from ldsim.mechanics.loads import Grab, Loads, MovedPins
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Motion, Support
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam

@@ -1,4 +1,4 @@
-"""From a run to a simulator."""
+"""A simulator made from a run, or from a scene alone."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import FARTHEST, Stepper, simulate
+from ldsim.dynamics.simulate import FARTHEST, simulate
+from ldsim.dynamics.stepper import Stepper
 from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mesh.shapes import beam

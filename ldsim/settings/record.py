@@ -11,7 +11,7 @@ import numpy as np
 
 from ldsim.artefacts.atomic import replacing, writing
 from ldsim.errors import SettingsError
-from ldsim.mechanics.loads import usual_grip
+from ldsim.mechanics.grabs import usual_grip
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
