@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.artefacts.folder import replacing_folder
+from ldsim.artefacts.store import STAGE_OF
 from ldsim.jit import one_thread
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.report.figure import Figure
@@ -67,7 +68,7 @@ def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
     """
     begun = run.stage("report", ReportOptions(pictures=wanted.pictures))
     run.space("latent")  # a damaged file is named before the simulation that is stale for it
-    run.require("scene", "snapshots", "basis", "model", "cubature", "simulation")
+    run.require(*STAGE_OF)
     with one_thread(), progress.bar("report", None, "picture") as bar:
         made = build_report(run, wanted, lambda: begun.cost, bar.update)
     write_report(run.folder / "report", made)

@@ -12,10 +12,11 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from ldsim.artefacts.store import STAGE_OF
 from ldsim.run import SPACES
 
 Role = Literal["train", "heldout"]
-STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
+STAGES = (*STAGE_OF.values(), "report")
 ROLES: tuple[str, ...] = get_args(Role)
 ROLE_NAMES = {"train": "training", "heldout": "held-out"}
 

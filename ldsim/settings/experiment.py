@@ -15,9 +15,6 @@ from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
 
-STAGES = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
-
-
 class Settings(Options):
     """One experiment."""
 
@@ -40,6 +37,9 @@ class Settings(Options):
         """The options of a stage."""
         section: Options = getattr(self, stage)
         return section
+
+
+STAGES = tuple(name for name in Settings.model_fields if name != "experiment")
 
 
 def load_settings(path: Path) -> Settings:
