@@ -15,6 +15,7 @@ from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
 
+
 class Settings(Options):
     """One experiment."""
 
