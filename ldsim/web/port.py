@@ -7,7 +7,7 @@ JavaScript, with arrays for tuples. Only that part is known here; whatever else 
 from __future__ import annotations
 
 import ast
-from functools import cache, singledispatchmethod
+from functools import cache
 from pathlib import Path
 
 from ldsim.mechanics.materials import MATERIALS
@@ -108,31 +108,47 @@ class Port:
             self.lines.append(text)
         return f"{of}_{name}"
 
-    # Statements
-
-    @singledispatchmethod
     def statement(self, node: ast.stmt) -> str:
-        raise PortError(f"{self._module.name}.py, line {node.lineno}: {type(node).__name__} has no translation")
+        """A statement in JavaScript; a docstring becomes nothing."""
+        say = self.expression
+        match node:
+            case ast.FunctionDef():
+                return self._function(node)
+            case ast.Assign():
+                return self._assignment(node)
+            case ast.AugAssign():
+                return f"{say(node.target)} {OPERATORS[type(node.op)]}= {say(node.value)};\n"
+            case ast.If():
+                otherwise = f"else {{\n{self.block(node.orelse)}}}\n" if node.orelse else ""
+                return f"if ({say(node.test)}) {{\n{self.block(node.body)}}}\n{otherwise}"
+            case ast.For(iter=ast.Call(ast.Name("range"), [stop])):
+                i = say(node.target)
+                return f"for ({i} = 0; {i} < {say(stop)}; {i}++) {{\n{self.block(node.body)}}}\n"
+            case ast.Return():
+                return f"return {say(node.value) if node.value else ''};\n"
+            case ast.Break():
+                return "break;\n"
+            case ast.Expr():
+                return ""
+        raise self._unknown(node)
 
-    @statement.register
-    def _(self, node: ast.FunctionDef) -> str:
+    def block(self, nodes: list[ast.stmt]) -> str:
+        return "".join(map(self.statement, nodes))
+
+    def _function(self, node: ast.FunctionDef) -> str:
         names = [argument.arg for argument in node.args.args]
         top = not self._local
         outer, self._local = self._local, self._local | set(names)
         fresh = {name for part in ast.walk(node) if isinstance(part, ast.Assign) for name in _bound(part.targets)}
-        fresh |= {
-            part.target.id for part in ast.walk(node) if isinstance(part, ast.For) and isinstance(part.target, ast.Name)
-        }
-        inner = {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
-        self._local |= fresh | inner
+        fresh |= {name for part in ast.walk(node) if isinstance(part, ast.For) for name in _bound([part.target])}
+        self._local |= fresh | {part.name for part in node.body if isinstance(part, ast.FunctionDef)}
         declared = f"let {', '.join(sorted(fresh - set(names)))};\n" if fresh - set(names) else ""
         body = declared + self.block(node.body)
         self._local = outer
         name = f"{self._module.name}_{node.name}" if top else node.name
         return f"function {name}({', '.join(names)}) {{\n{body}}}\n"
 
-    @statement.register
-    def _(self, node: ast.Assign) -> str:
+    def _assignment(self, node: ast.Assign) -> str:
         value = self.expression(node.value)
         if self._local:
             (target,) = node.targets
@@ -142,98 +158,42 @@ class Port:
         bound = [f"{self._module.name}_{name}" for name in _bound(node.targets)]
         return f"const {bound[0] if len(bound) == 1 else '[' + ', '.join(bound) + ']'} = {value};\n"
 
-    @statement.register
-    def _(self, node: ast.AugAssign) -> str:
-        return f"{self.expression(node.target)} {OPERATORS[type(node.op)]}= {self.expression(node.value)};\n"
-
-    @statement.register
-    def _(self, node: ast.If) -> str:
-        otherwise = f"else {{\n{self.block(node.orelse)}}}\n" if node.orelse else ""
-        return f"if ({self.expression(node.test)}) {{\n{self.block(node.body)}}}\n{otherwise}"
-
-    @statement.register
-    def _(self, node: ast.For) -> str:
-        match node.iter:
-            case ast.Call(ast.Name("range"), [stop]):
-                i = self.expression(node.target)
-                return f"for ({i} = 0; {i} < {self.expression(stop)}; {i}++) {{\n{self.block(node.body)}}}\n"
-        raise PortError(f"{self._module.name}.py, line {node.lineno}: only loops over range(n) have a translation")
-
-    @statement.register
-    def _(self, node: ast.Return) -> str:
-        return f"return {self.expression(node.value) if node.value else ''};\n"
-
-    @statement.register
-    def _(self, node: ast.Break) -> str:
-        return "break;\n"
-
-    @statement.register
-    def _(self, node: ast.Expr) -> str:
-        return ""  # a docstring
-
-    def block(self, nodes: list[ast.stmt]) -> str:
-        return "".join(self.statement(node) for node in nodes)
-
-    # Expressions
-
-    @singledispatchmethod
     def expression(self, node: ast.expr) -> str:
-        raise PortError(f"{self._module.name}.py, line {node.lineno}: {type(node).__name__} has no translation")
+        """An expression in JavaScript, in brackets where the order of operations could differ."""
+        say = self.expression
+        match node:
+            case ast.Constant(value):
+                return CONSTANTS[value] if isinstance(value, bool | None) else repr(value)
+            case ast.Name(name):
+                return name if name in self._local else BUILTINS.get(name) or self.add(name, self._module.name)
+            case ast.Attribute(ast.Name("math")):
+                text = ast.unparse(node)
+                return OWN.get(text, text.replace("math.", "Math."))
+            case ast.BinOp():
+                return f"({say(node.left)} {OPERATORS[type(node.op)]} {say(node.right)})"
+            case ast.UnaryOp():
+                return f"({OPERATORS[type(node.op)]}{say(node.operand)})"
+            case ast.BoolOp():
+                return f"({f' {OPERATORS[type(node.op)]} '.join(map(say, node.values))})"
+            case ast.Compare():
+                sides, signs = [*map(say, (node.left, *node.comparators))], [OPERATORS[type(op)] for op in node.ops]
+                pairs = zip(sides, signs, sides[1:], strict=False)
+                return f"({' && '.join(f'{a} {sign} {b}' for a, sign, b in pairs)})"
+            case ast.IfExp():
+                return f"({say(node.test)} ? {say(node.body)} : {say(node.orelse)})"
+            case ast.Tuple():
+                return f"[{', '.join(map(say, node.elts))}]"
+            case ast.Starred():
+                return f"...{say(node.value)}"
+            case ast.Subscript():
+                return f"{say(node.value)}[{say(node.slice)}]"
+            case ast.Call():
+                return f"{say(node.func)}({', '.join(map(say, node.args))})"
+        raise self._unknown(node)
 
-    @expression.register
-    def _(self, node: ast.Constant) -> str:
-        return CONSTANTS[node.value] if isinstance(node.value, bool | None) else repr(node.value)
-
-    @expression.register
-    def _(self, node: ast.Name) -> str:
-        if node.id in self._local:
-            return node.id
-        return BUILTINS.get(node.id) or self.add(node.id, self._module.name)
-
-    @expression.register
-    def _(self, node: ast.Attribute) -> str:
-        text = ast.unparse(node)
-        if text.startswith("math."):
-            return OWN.get(text, text.replace("math.", "Math."))
-        raise PortError(f"{self._module.name}.py, line {node.lineno}: {text} has no translation")
-
-    @expression.register
-    def _(self, node: ast.BinOp) -> str:
-        return f"({self.expression(node.left)} {OPERATORS[type(node.op)]} {self.expression(node.right)})"
-
-    @expression.register
-    def _(self, node: ast.UnaryOp) -> str:
-        return f"({OPERATORS[type(node.op)]}{self.expression(node.operand)})"
-
-    @expression.register
-    def _(self, node: ast.BoolOp) -> str:
-        return f"({f' {OPERATORS[type(node.op)]} '.join(map(self.expression, node.values))})"
-
-    @expression.register
-    def _(self, node: ast.Compare) -> str:
-        sides = [self.expression(side) for side in (node.left, *node.comparators)]
-        signs = [OPERATORS[type(sign)] for sign in node.ops]
-        return f"({' && '.join(f'{a} {sign} {b}' for a, sign, b in zip(sides, signs, sides[1:], strict=False))})"
-
-    @expression.register
-    def _(self, node: ast.IfExp) -> str:
-        return f"({self.expression(node.test)} ? {self.expression(node.body)} : {self.expression(node.orelse)})"
-
-    @expression.register
-    def _(self, node: ast.Tuple) -> str:
-        return f"[{', '.join(map(self.expression, node.elts))}]"
-
-    @expression.register
-    def _(self, node: ast.Starred) -> str:
-        return f"...{self.expression(node.value)}"
-
-    @expression.register
-    def _(self, node: ast.Subscript) -> str:
-        return f"{self.expression(node.value)}[{self.expression(node.slice)}]"
-
-    @expression.register
-    def _(self, node: ast.Call) -> str:
-        return f"{self.expression(node.func)}({', '.join(map(self.expression, node.args))})"
+    def _unknown(self, node: ast.stmt | ast.expr) -> PortError:
+        what = ast.unparse(node).splitlines()[0]
+        return PortError(f"{self._module.name}.py, line {node.lineno}: {type(node).__name__} {what!r} has no translation")
 
 
 def materials_script() -> str:
