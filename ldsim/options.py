@@ -49,6 +49,17 @@ class Options(BaseModel):
 Given = TypeVar("Given", bound=Options)
 
 
+def exactly_one(*names: str) -> Any:
+    """A check in the body of a class of options: of these fields one is given, and only one."""
+
+    def check(self: Given) -> Given:
+        if sum(getattr(self, name) is not None for name in names) != 1:
+            raise ValueError(f"give exactly one of {', '.join(names)}")
+        return self
+
+    return model_validator(mode="after")(check)
+
+
 def read_options(path: Path, what: str, kind: type[Given]) -> Given:
     """Read and check a YAML file: the options of a configuration, or of a script.
 

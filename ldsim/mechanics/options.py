@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from ldsim.mechanics.materials import MaterialName
 from ldsim.mechanics.regions import Region
-from ldsim.options import Field, Options, Positive, Seed, Vector, field_validator, model_validator
+from ldsim.options import Field, Options, Positive, Seed, Vector, exactly_one, field_validator, model_validator
 
 PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
 
@@ -53,11 +53,7 @@ class LoadOptions(Options):
     traction: Annotated[Vector | None, Field(description="On the surface, force per area at rest, Pa.")] = None
     pressure: Annotated[float | None, Field(description="Against the surface at rest, Pa.")] = None
 
-    @model_validator(mode="after")
-    def _one(self) -> LoadOptions:
-        if sum(load is not None for load in (self.acceleration, self.traction, self.pressure)) != 1:
-            raise ValueError("give exactly one of acceleration, traction, pressure")
-        return self
+    _one = exactly_one("acceleration", "traction", "pressure")
 
 
 class PullOptions(Options):

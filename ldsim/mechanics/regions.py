@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
-from ldsim.options import Field, Options, Positive, Vector, model_validator
+from ldsim.options import Field, Options, Positive, Vector, exactly_one, model_validator
 
 if TYPE_CHECKING:  # whoever only reads a configuration needs no mesh
     from ldsim.mesh.mesh import Group, Mesh
@@ -80,11 +80,7 @@ class Region(Options):
         str | None, Field(description="A group of the mesh file; `ldsim info` of scene.h5 lists them.")
     ] = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Region:
-        if sum(value is not None for _, value in self) != 1:
-            raise ValueError(f"give exactly one of {', '.join(type(self).model_fields)}")
-        return self
+    _one = exactly_one("slab", "ball", "box", "vertices", "group")
 
     def __str__(self) -> str:
         kind, value = next((name, value) for name, value in self if value is not None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from ldsim.options import Field, Options, Positive, model_validator
+from ldsim.options import Field, Options, Positive, exactly_one
 
 # Cubes across the thinnest side, from Python as from a configuration.
 RESOLUTION = 2
@@ -37,8 +37,4 @@ class SurfaceOptions(Options):
     ] = None
     timeout: Annotated[float, Field(ge=1, description="Longest that one try may take, s.")] = 600.0
 
-    @model_validator(mode="after")
-    def _one(self) -> SurfaceOptions:
-        if (self.edge_length is None) == (self.cells is None):
-            raise ValueError("give exactly one of edge_length, cells")
-        return self
+    _one = exactly_one("edge_length", "cells")

@@ -99,14 +99,19 @@ def _tree(indptr: Indices, indices: Indices) -> Indices:
 
 
 @njit(cache=True)
+def _children(parent: Indices) -> tuple[Indices, Indices]:
+    """The first child of each node of a forest and the next child of the same parent, ascending; −1 for none."""
+    child, sibling = np.full(parent.shape[0], -1), np.full(parent.shape[0], -1)
+    for j in range(parent.shape[0] - 1, -1, -1):
+        if parent[j] >= 0:
+            sibling[j], child[parent[j]] = child[parent[j]], j
+    return child, sibling
+
+
+@njit(cache=True)
 def _postorder(parent: Indices) -> Indices:
     """The nodes of a forest, children before parents and every subtree in one run."""
-    n = parent.shape[0]
-    child, sibling = np.full(n, -1), np.full(n, -1)
-    for j in range(n - 1, -1, -1):
-        if parent[j] >= 0:
-            sibling[j] = child[parent[j]]
-            child[parent[j]] = j
+    n, (child, sibling) = parent.shape[0], _children(parent)
     order, stack = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     count = 0
     for root in range(n):
@@ -173,10 +178,9 @@ def _fill_rows(
     indptr: Indices, indices: Indices, first: Indices, tree: Indices, row_start: Indices, rows: Indices
 ) -> None:
     """Rows of each supernode: those of its entries and of its children, below its last column."""
-    n, supernodes = first[-1], first.shape[0] - 1
-    seen, filled = np.full(n, -1), row_start[:-1].copy()
-    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
-    for s in range(supernodes):
+    seen, filled = np.full(first[-1], -1), row_start[:-1].copy()
+    child, sibling = _children(tree)
+    for s in range(tree.shape[0]):
         stop = first[s + 1]
         for j in range(first[s], stop):
             for k in range(indptr[j], indptr[j + 1]):
@@ -193,8 +197,6 @@ def _fill_rows(
                     filled[s] += 1
             c = sibling[c]
         rows[row_start[s] : row_start[s + 1]].sort()
-        if tree[s] >= 0:
-            sibling[s], child[tree[s]] = child[tree[s]], s
 
 
 @njit(cache=True)
@@ -209,10 +211,9 @@ def _fill_places(
     entry_place: Indices,
 ) -> None:
     """Where rows and entries go in the fronts that take them up."""
-    supernodes = first.shape[0] - 1
     position = np.empty(first[-1], dtype=np.int64)
-    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
-    for s in range(supernodes):
+    child, sibling = _children(tree)
+    for s in range(tree.shape[0]):
         columns = first[s + 1] - first[s]
         for j in range(columns):
             position[first[s] + j] = j
@@ -227,5 +228,3 @@ def _fill_places(
             for k in range(row_start[c], row_start[c + 1]):
                 place[k] = position[rows[k]]
             c = sibling[c]
-        if tree[s] >= 0:
-            sibling[s], child[tree[s]] = child[tree[s]], s

@@ -19,9 +19,7 @@ from ldsim.mechanics.options import (
 )
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
-from ldsim.options import Field, Options, Positive, Seed, Vector, model_validator
-
-MOTION_KINDS = ("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
+from ldsim.options import Field, Options, Positive, Seed, Vector, exactly_one, model_validator
 
 
 class MeshOptions(Options):
@@ -48,10 +46,10 @@ class MeshOptions(Options):
     loads: Annotated[tuple[LoadOptions, ...], Field(description="Forces besides gravity.")] = ()
     time_step: Annotated[Positive, Field(description="h, s.")] = 0.005
 
+    _one = exactly_one("file", "shape", "surface")
+
     @model_validator(mode="after")
-    def _one(self) -> MeshOptions:
-        if [self.file, self.shape, self.surface].count(None) != 2:
-            raise ValueError("give exactly one of file, shape, surface")
+    def _cell_data_of_a_file(self) -> MeshOptions:
         if self.cell_data is not None and self.file is None:
             raise ValueError("cell_data is read from a mesh file; with a shape or a surface use regions")
         return self
@@ -81,11 +79,7 @@ class MotionOptions(Options):
     release: Annotated[ReleaseOptions | None, Field(description="Into a pose by a grab, then let go.")] = None
     frames: Annotated[int | None, Field(ge=1, description="Use only the first frames.")] = None
 
-    @model_validator(mode="after")
-    def _one(self) -> MotionOptions:
-        if sum(getattr(self, kind) is not None for kind in MOTION_KINDS) != 1:
-            raise ValueError(f"give exactly one of {', '.join(MOTION_KINDS)}")
-        return self
+    _one = exactly_one("recording", "pulls", "script", "script_file", "gravity_sweep", "release")
 
 
 class SnapshotOptions(FullOptions):

@@ -192,8 +192,8 @@ class Port:
         raise self._unknown(node)
 
     def _unknown(self, node: ast.stmt | ast.expr) -> PortError:
-        what = ast.unparse(node).splitlines()[0]
-        return PortError(f"{self._module.name}.py, line {node.lineno}: {type(node).__name__} {what!r} has no translation")
+        where, what = f"{self._module.name}.py, line {node.lineno}", ast.unparse(node).splitlines()[0]
+        return PortError(f"{where}: {type(node).__name__} {what!r} has no translation")
 
 
 def materials_script() -> str:
