@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import itertools
 import math
 from collections.abc import Callable
+from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +21,9 @@ CUBE_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], 
 VTK_CORNER = {int(corner @ [1, 2, 4]): i for i, corner in enumerate(CUBE_CORNERS)}
 MAX_RESOLUTION = 64
 MAX_VOXELS = 2_000_000
+
+Sizes = ParamSpec("Sizes")
+SHAPES: dict[str, Callable[..., Mesh]] = {}
 
 
 def _kuhn_tets() -> NDArray[np.int32]:
@@ -66,6 +72,29 @@ def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str =
     return Mesh(vertices, cells, cell_type)
 
 
+def _shape(make: Callable[Sizes, Mesh]) -> Callable[Sizes, Mesh]:
+    """A shape that `SHAPES` knows by its name, made of sizes and a resolution that are allowed.
+
+    Raises:
+        MeshError: a size is not positive, or so are the sizes to each other; the resolution is out of range.
+    """
+
+    @functools.wraps(make)
+    def checked(*args: Sizes.args, **options: Sizes.kwargs) -> Mesh:
+        given = inspect.signature(make).bind(*args, **options).arguments
+        resolution = given.pop("resolution", RESOLUTION)
+        if resolution != int(resolution) or not 1 <= resolution <= MAX_RESOLUTION:
+            raise MeshError(f"resolution is {resolution}; it must be a whole number from 1 to {MAX_RESOLUTION}")
+        for name, size in given.items():
+            if name != "cell_type" and not (math.isfinite(size) and size > 0):
+                raise MeshError(f"{name} is {size} m; it must be positive")
+        return make(*args, **options)
+
+    SHAPES[make.__name__] = checked
+    return checked
+
+
+@_shape
 def beam(
     length: float = 0.4, width: float = 0.1, height: float = 0.1, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
@@ -73,12 +102,7 @@ def beam(
 
     Args:
         resolution: voxels across the thinnest side; the others get as many as keep voxels near cubes.
-
-    Raises:
-        MeshError: a size is not positive, or the resolution is out of range.
     """
-    _check_sizes(length=length, width=width, height=height)
-    _check_resolution(resolution)
     sides = np.array([length, height, width])
     counts = np.rint(sides * resolution / sides.min())
     _check_count(float(counts.prod()))
@@ -86,6 +110,25 @@ def beam(
     return _shifted(voxel_mesh(occupied, sides / counts, cell_type), [0.0, -height / 2, -width / 2])
 
 
+@_shape
+def mounted_bar(
+    length: float = 0.4, thickness: float = 0.04, resolution: int = RESOLUTION, cell_type: str = "tet4"
+) -> Mesh:
+    """A square bar along x, from 0 on, that sticks out of a square plate three times as wide, metres.
+
+    Args:
+        length: of the bar; rounded to a multiple of its thickness. The plate, as thick as the bar, lies at x < 0.
+        resolution: voxels across the bar.
+    """
+    blocks = np.zeros((_count_blocks(length, thickness, 1, 9) + 1, 3, 3), dtype=bool)
+    blocks[0] = True
+    blocks[:, 1, 1] = True
+    return _shifted(
+        _of_blocks(blocks, thickness, resolution, cell_type), [-thickness, -1.5 * thickness, -1.5 * thickness]
+    )
+
+
+@_shape
 def cross(
     width: float = 0.22,
     height: float = 0.15,
@@ -102,13 +145,11 @@ def cross(
     Args:
         width, height, depth: of the bounding box.
         resolution: voxels across a bar; 9 resolution³ voxels.
-
-    Raises:
-        MeshError: a size is not positive, or the resolution is out of range.
     """
     return _cross_with_arms(2, width, height, depth, resolution, cell_type)
 
 
+@_shape
 def slender_cross(
     width: float = 0.3,
     height: float = 0.26,
@@ -121,33 +162,11 @@ def slender_cross(
     Args:
         width, height, depth: of the bounding box.
         resolution: voxels across a bar; 25 resolution³ voxels.
-
-    Raises:
-        MeshError: a size is not positive, or the resolution is out of range.
     """
     return _cross_with_arms(6, width, height, depth, resolution, cell_type)
 
 
-def mounted_bar(
-    length: float = 0.4, thickness: float = 0.04, resolution: int = RESOLUTION, cell_type: str = "tet4"
-) -> Mesh:
-    """A square bar along x, from 0 on, that sticks out of a square plate three times as wide, metres.
-
-    Args:
-        length: of the bar; rounded to a multiple of its thickness. The plate, as thick as the bar, lies at x < 0.
-        resolution: voxels across the bar.
-
-    Raises:
-        MeshError: a size is not positive, the bar is shorter than thick, or the resolution is out of range.
-    """
-    blocks = np.zeros((_count_blocks(length, thickness, 1, 9) + 1, 3, 3), dtype=bool)
-    blocks[0] = True
-    blocks[:, 1, 1] = True
-    return _shifted(
-        _of_blocks(blocks, thickness, resolution, cell_type), [-thickness, -1.5 * thickness, -1.5 * thickness]
-    )
-
-
+@_shape
 def catapult(
     height: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
@@ -159,9 +178,6 @@ def catapult(
         height: of the whole; rounded to a multiple of the arm's thickness.
         thickness: of the arm, of the foot and of the bowl's walls; foot and bowl are five times as wide.
         resolution: voxels across the arm.
-
-    Raises:
-        MeshError: a size is not positive, no arm is left between foot and bowl, or the resolution is out of range.
     """
     tall = _count_blocks(height, thickness, 7, 25)
     blocks = np.zeros((5, tall, 5), dtype=bool)
@@ -172,6 +188,7 @@ def catapult(
     return _shifted(_of_blocks(blocks, thickness, resolution, cell_type), [-2.5 * thickness, 0.0, -2.5 * thickness])
 
 
+@_shape
 def pendulum(
     length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
@@ -180,13 +197,11 @@ def pendulum(
     Args:
         length: of rod and bob together; rounded to whole voxels of thickness / resolution.
         resolution: voxels across the rod.
-
-    Raises:
-        MeshError: a size is not positive, the rod is shorter than its bob, or the resolution is out of range.
     """
     return _weighted_rod(length, thickness, resolution, cell_type, both_ends=False)
 
 
+@_shape
 def dumbbell(
     length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
@@ -194,21 +209,8 @@ def dumbbell(
     return _weighted_rod(length, thickness, resolution, cell_type, both_ends=True)
 
 
-SHAPES: dict[str, Callable[..., Mesh]] = {
-    "beam": beam,
-    "mounted_bar": mounted_bar,
-    "cross": cross,
-    "slender_cross": slender_cross,
-    "catapult": catapult,
-    "pendulum": pendulum,
-    "dumbbell": dumbbell,
-}
-
-
 def _cross_with_arms(arms: int, width: float, height: float, depth: float, resolution: int, cell_type: str) -> Mesh:
     """The map of `cross` for arms of any length in bars' widths; its Jacobian grows with it."""
-    _check_sizes(width=width, height=height, depth=depth)
-    _check_resolution(resolution)
     bar = np.repeat([False, True, False], [arms * resolution, resolution, arms * resolution])
     plus = np.repeat((bar[:, None] | bar)[:, :, None], resolution, axis=2)
     _check_count((4.0 * arms + 1) * resolution**3)
@@ -222,7 +224,6 @@ def _cross_with_arms(arms: int, width: float, height: float, depth: float, resol
 
 def _count_blocks(length: float, thickness: float, least: int, section: int) -> int:
     """How many cubes of the thickness make the length; each has up to `section` cubes beside it."""
-    _check_sizes(length=length, thickness=thickness)
     _check_count(section * length / thickness)
     count = round(length / thickness)
     if count < least:
@@ -234,14 +235,11 @@ def _count_blocks(length: float, thickness: float, least: int, section: int) -> 
 
 def _of_blocks(blocks: NDArray[np.bool_], edge: float, resolution: int, cell_type: str) -> Mesh:
     """The mesh of a few cubes of the given edge, each of resolution³ voxels."""
-    _check_resolution(resolution)
     _check_count(float(blocks.size) * resolution**3)
     return voxel_mesh(np.kron(blocks, np.ones((resolution,) * 3, dtype=bool)), edge / resolution, cell_type)
 
 
 def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: str, both_ends: bool) -> Mesh:
-    _check_sizes(length=length, thickness=thickness)
-    _check_resolution(resolution)
     bob = 3 * resolution
     long = length * resolution / thickness
     _check_count(bob**2 * long)
@@ -265,17 +263,6 @@ def _rise(distance: NDArray[np.float64], end: int) -> NDArray[np.float64]:
 
 def _shifted(mesh: Mesh, offset: list[float]) -> Mesh:
     return Mesh(mesh.vertices + offset, mesh.cells, mesh.cell_type)
-
-
-def _check_sizes(**sizes: float) -> None:
-    for name, size in sizes.items():
-        if not (math.isfinite(size) and size > 0):
-            raise MeshError(f"{name} is {size} m; it must be positive")
-
-
-def _check_resolution(resolution: int) -> None:
-    if resolution != int(resolution) or not 1 <= resolution <= MAX_RESOLUTION:
-        raise MeshError(f"resolution is {resolution}; it must be a whole number from 1 to {MAX_RESOLUTION}")
 
 
 def _check_count(voxels: float) -> None:
