@@ -6,6 +6,7 @@ import contextlib
 import importlib.util
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ldsim.artefacts.atomic import replacing
@@ -14,10 +15,10 @@ from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
-from ldsim.export.pictures import write_mp4, write_webm, write_webp
+from ldsim.export.pictures import MP4, WEBM, write_video, write_webp
 from ldsim.export.playback import Playback, playback
 from ldsim.export.playground import write_playground
-from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
+from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
 from ldsim.export.vtk import write_vtu_series
 from ldsim.export.xdmf import write_xdmf
@@ -57,11 +58,11 @@ FORMATS: dict[str, Format] = {
     "xdmf": Format("XDMF with one HDF5 file, for ParaView", motion=write_xdmf),
     "gltf": Format("glTF 2.0 with morph targets, for viewers and game engines", ".glb", motion=write_glb),
     "usd": Format("USD with blend shapes", ".usdc", motion=write_usd, extra=Extra("pxr", "pip install 'ldsim[usd]'")),
-    "obj": Format("the surface, one .obj a frame", motion=write_obj_sequence),
-    "ply": Format("the surface, one binary .ply a frame", motion=write_ply_sequence),
+    "obj": Format("the surface, one .obj a frame", motion=partial(write_surfaces, suffix="obj")),
+    "ply": Format("the surface, one binary .ply a frame", motion=partial(write_surfaces, suffix="ply", binary=True)),
     "webp": Format("an animated picture", ".webp", motion=write_webp),
-    "mp4": Format("a video", ".mp4", motion=write_mp4, extra=VIDEO),
-    "webm": Format("a video", ".webm", motion=write_webm, extra=VIDEO),
+    "mp4": Format("a video", ".mp4", motion=partial(write_video, codec=MP4), extra=VIDEO),
+    "webm": Format("a video", ".webm", motion=partial(write_video, codec=WEBM), extra=VIDEO),
     "npz": Format("the reduced model as NumPy arrays", ".npz", model=write_npz),
     "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
     "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +14,20 @@ from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at_broadside, upright
 from ldsim.report.drawing import Picture, moving_pictures, on_white, webp
 
+
+class Codec(NamedTuple):
+    """Of a video: the suffix of its files, its name, and the options that it is given."""
+
+    suffix: str
+    name: str
+    options: tuple[str, ...]
+
+
 WEBP_RATE, VIDEO_RATE = 25.0, 30.0
 WEBP_WIDTH, VIDEO_WIDTH = 480, 960
 # Pixels are kept as yuv420p, which every browser plays.
-MP4 = ("libx264", ("-crf", "22", "-preset", "veryfast"))
-WEBM = ("libvpx-vp9", ("-crf", "34", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "6"))
+MP4 = Codec(".mp4", "libx264", ("-crf", "22", "-preset", "veryfast"))
+WEBM = Codec(".webm", "libvpx-vp9", ("-crf", "34", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "6"))
 
 
 def write_webp(playback: Playback, path: Path) -> None:
@@ -24,16 +35,6 @@ def write_webp(playback: Playback, path: Path) -> None:
     stride = frames_apart(playback, WEBP_RATE)
     pictures = list(_pictures(playback, stride, WEBP_WIDTH))
     path.write_bytes(webp(pictures, max(20, round(1000 * stride * playback.frame_seconds))))
-
-
-def write_mp4(playback: Playback, path: Path) -> None:
-    """Write an H.264 video in real time, of at most 30 frames a second, on white."""
-    _write_video(playback, path, ".mp4", *MP4)
-
-
-def write_webm(playback: Playback, path: Path) -> None:
-    """Write a VP9 video in real time, of at most 30 frames a second, on white."""
-    _write_video(playback, path, ".webm", *WEBM)
 
 
 def frames_apart(playback: Playback, rate: float) -> int:
@@ -51,26 +52,22 @@ def _pictures(playback: Playback, stride: int, width: int) -> Iterator[Picture]:
     yield from moving_pictures([(playback.title, positions)], surface_triangles(playback.mesh), view, width)
 
 
-def _write_video(playback: Playback, path: Path, suffix: str, codec: str, options: tuple[str, ...]) -> None:
+def write_video(playback: Playback, path: Path, codec: Codec) -> None:
+    """Write a video in real time, of at most 30 frames a second, on white."""
     # An optional dependency: `formats.FORMATS` says so before this is called.
     import imageio_ffmpeg
 
     stride = frames_apart(playback, VIDEO_RATE)
-    target = path.with_name(path.name + suffix)
-    rate = 1 / (stride * playback.frame_seconds)
-    writer = None
+    target, rate = path.with_name(path.name + codec.suffix), 1 / (stride * playback.frame_seconds)
+    frames = map(on_white, _pictures(playback, stride, VIDEO_WIDTH))
+    first = next(frames)
+    looks = {"fps": rate, "codec": codec.name, "quality": None, "macro_block_size": 2}
     try:
-        for picture in _pictures(playback, stride, VIDEO_WIDTH):
-            pixels = on_white(picture)
-            if writer is None:
-                size = (pixels.shape[1], pixels.shape[0])
-                writer = imageio_ffmpeg.write_frames(
-                    str(target), size, fps=rate, codec=codec, quality=None, macro_block_size=2, output_params=[*options]
-                )
-                writer.send(None)
+        writer = imageio_ffmpeg.write_frames(str(target), first.shape[1::-1], output_params=[*codec.options], **looks)
+        writer.send(None)
+        for pixels in chain([first], frames):
             writer.send(pixels.tobytes())
-        if writer is not None:
-            writer.close()
+        writer.close()
         target.replace(path)
     finally:
         target.unlink(missing_ok=True)

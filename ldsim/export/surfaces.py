@@ -11,17 +11,12 @@ from ldsim.export.playback import Playback
 from ldsim.mesh.surface import Surface
 
 
-def write_obj_sequence(playback: Playback, folder: Path) -> None:
-    """Write folder/<motion>-<space>_<number>.obj, metres."""
-    _write_sequence(playback, folder, "obj")
+def write_surfaces(playback: Playback, folder: Path, suffix: str, **options: bool) -> None:
+    """Write folder/<motion>-<space>_<number>.<suffix>, float32, metres.
 
-
-def write_ply_sequence(playback: Playback, folder: Path) -> None:
-    """Write folder/<motion>-<space>_<number>.ply, binary, float32, metres."""
-    _write_sequence(playback, folder, "ply", binary=True)
-
-
-def _write_sequence(playback: Playback, folder: Path, suffix: str, **options: bool) -> None:
+    Args:
+        options: of meshio's writer, such as binary.
+    """
     surface, digits = Surface.of(playback.mesh), len(str(playback.frames - 1))
     for frame in range(playback.frames):
         positions = surface.rest + playback.displacement(frame)[surface.vertices]

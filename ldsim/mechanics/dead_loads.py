@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ldsim.errors import SceneError
 from ldsim.mechanics.mass import mass_matrix
 from ldsim.mechanics.options import LoadOptions
-from ldsim.mechanics.quadrature import Quadrature, quadrature
+from ldsim.mechanics.quadrature import quadrature
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import boundary_faces
@@ -21,50 +21,26 @@ GAUSS = 1 / np.sqrt(3)
 def load_force(mesh: Mesh, density: Array, options: LoadOptions) -> Array:
     """The force of a load on each vertex, (n, 3) float64, N; density of each cell, (m,) kg/m³.
 
+    For an acceleration b ∫ ρ N_a b dX over the cells of its region; over boundary faces whose vertices all lie in it
+    ∫ N_a t dA for a traction t, and −∫ N_a p n dA for a pressure p, with the outward normal n at rest.
+
     Raises:
         SceneError: its region holds no cell, or no boundary face.
     """
     if options.acceleration is not None:
-        return body_force(mesh, quadrature(mesh), density, options.where, options.acceleration)
+        inside = np.where(options.where.cells_in(mesh, "loads"), density, 0.0)
+        mass = mass_matrix(mesh, quadrature(mesh), inside).sum(axis=1)[:, None]
+        weight: Array = mass * np.array(options.acceleration)
+        return weight
+    faces, areas = _face_areas(mesh, options.where)
     if options.traction is not None:
-        return surface_force(mesh, options.where, options.traction)
-    assert options.pressure is not None
-    return pressure_force(mesh, options.where, options.pressure)
-
-
-def body_force(mesh: Mesh, points: Quadrature, density: Array, region: Region, acceleration: ArrayLike) -> Array:
-    """∫ ρ N_a b dX over the cells of a region, (n, 3) float64, N.
-
-    Args:
-        density: of each cell, (m,) kg/m³.
-        acceleration: b, (3,) m/s².
-
-    Raises:
-        SceneError: the region holds no cell.
-    """
-    inside = np.where(region.cells_in(mesh, "loads"), density, 0.0)
-    force: Array = mass_matrix(mesh, points, inside).sum(axis=1)[:, None] * np.asarray(acceleration)
-    return force
-
-
-def surface_force(mesh: Mesh, region: Region, traction: ArrayLike) -> Array:
-    """∫ N_a t dA over the boundary faces whose vertices all lie in a region, (n, 3) float64, N.
-
-    Args:
-        traction: t, force per area at rest, (3,) Pa.
-
-    Raises:
-        SceneError: the region holds no boundary face.
-    """
-    faces, areas = _face_areas(mesh, region)
-    force = np.linalg.norm(areas, axis=3)[..., None] * np.asarray(traction)
-    return _gathered(mesh, faces, force)
-
-
-def pressure_force(mesh: Mesh, region: Region, pressure: float) -> Array:
-    """−∫ N_a p n dA over the same faces with their outward normal n at rest, (n, 3) float64, N; p in Pa."""
-    faces, areas = _face_areas(mesh, region)
-    return _gathered(mesh, faces, -pressure * areas)
+        force = np.linalg.norm(areas, axis=3)[..., None] * np.array(options.traction)
+    else:
+        assert options.pressure is not None
+        force = -options.pressure * areas
+    total = np.zeros((mesh.n_vertices, 3))
+    np.add.at(total, faces, force.sum(axis=2))
+    return total
 
 
 def _face_areas(mesh: Mesh, region: Region) -> tuple[NDArray[np.int32], Array]:
@@ -83,10 +59,3 @@ def _face_areas(mesh: Mesh, region: Region) -> tuple[NDArray[np.int32], Array]:
     along = np.einsum("pa,fai->fpi", corners[:, 0] * factors[:, :, 1] / 4, x)
     across = np.einsum("pa,fai->fpi", corners[:, 1] * factors[:, :, 0] / 4, x)
     return faces, np.einsum("pa,fpi->fapi", shape, np.cross(along, across))
-
-
-def _gathered(mesh: Mesh, faces: NDArray[np.int32], force: Array) -> Array:
-    """Sums the forces of face corners, (f, a, p, 3), at the vertices, (n, 3)."""
-    total = np.zeros((mesh.n_vertices, 3))
-    np.add.at(total, faces, force.sum(axis=2))
-    return total

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from pyamg.aggregation import smoothed_aggregation_solver
 from scipy.sparse import bsr_matrix
 
-from ldsim.optimise.linear import LinearSolver
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -21,7 +19,7 @@ EXACT, LOOSE = 1e-4, 0.1
 MAX_CYCLES = 200
 
 
-class Multigrid(LinearSolver):
+class Multigrid:
     """Conjugate gradients with one V-cycle as preconditioner.
 
     Args:

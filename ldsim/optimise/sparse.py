@@ -17,7 +17,6 @@ from scipy.linalg.lapack import dpotrf, dtrtri, spotrf, strtri
 from ldsim.errors import SolverError
 from ldsim.jit import njit
 from ldsim.optimise.elimination import Elimination
-from ldsim.optimise.linear import LinearSolver
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -29,7 +28,7 @@ class NotPositive(Exception):
     """A pivot that is not positive: the matrix is not positive definite in this precision."""
 
 
-class Factor(LinearSolver):
+class Factor:
     """The factor L of a symmetric positive definite matrix A = L Lᵀ whose order already reduces fill.
 
     Args:

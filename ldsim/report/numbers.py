@@ -176,10 +176,9 @@ def _online_error(trajectory: Trajectory) -> OnlineError | None:
     mean, largest = trajectory.mean_error, trajectory.max_error
     if mean is None or largest is None or len(mean) == 0:
         return None
-    moved = trajectory.mean_displacement
     return OnlineError(
-        relative=_ratio(mean, moved),
-        windowed=_ratio(trajectory.windowed_mean_error, moved),
+        relative=_finite(trajectory.relative_error),
+        windowed=_finite(trajectory.windowed_error),
         max_mm=_millimetres(largest.max()),
         mean_mm=_millimetres(mean.mean()),
     )
@@ -211,13 +210,6 @@ def rank_correlation(score: Array, trajectory: Trajectory) -> float | None:
     if len(score) < 3 or np.ptp(score) == 0 or np.ptp(error) == 0:
         return None
     return _finite(np.corrcoef(score, error)[0, 1])
-
-
-def _ratio(error: Array | None, moved: Array | None) -> float | None:
-    """Σ error / Σ moved over the frames, or None where one is not known or nothing moved."""
-    if error is None or moved is None or not moved.sum() > 0:
-        return None
-    return _finite(error.sum() / moved.sum())
 
 
 def _speedup(run: Run, slower: str) -> float | None:

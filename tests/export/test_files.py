@@ -13,8 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz, write_safetensors
+from ldsim.export.formats import FORMATS
 from ldsim.export.playback import Playback, playback
-from ldsim.export.surfaces import write_obj_sequence, write_ply_sequence
 from ldsim.export.vtk import write_vtu_series
 from ldsim.export.xdmf import write_xdmf
 from ldsim.mesh.shapes import beam
@@ -88,7 +88,7 @@ def test_xdmf_gives_back_the_mesh_displacements_and_times(run: Run, tmp_path: Pa
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 def test_a_surface_sequence_gives_back_the_deformed_boundary(run: Run, tmp_path: Path, suffix: str) -> None:
     played = playback(run, "push", "latent")
-    (write_obj_sequence if suffix == "obj" else write_ply_sequence)(played, tmp_path)
+    FORMATS[suffix].motion(played, tmp_path)
     surface = Surface.of(played.mesh)
     files = sorted(tmp_path.iterdir())
     assert len(files) == played.frames

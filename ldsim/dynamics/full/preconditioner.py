@@ -20,7 +20,6 @@ from ldsim.mechanics.elastic import vertex_rotations
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
-from ldsim.optimise.linear import LinearSolver
 from ldsim.optimise.multigrid import Multigrid
 from ldsim.optimise.sparse import Factor
 
@@ -49,7 +48,7 @@ class WarpedHessian:
         n = scene.mesh.n_vertices
         self._pattern = StiffnessPattern(scene.points.nodes, self._choice.order, n)
         self._diagonal = self._inertia(inertia)
-        self._inverse: LinearSolver | None = None
+        self._inverse: Factor | Multigrid | None = None
         self._factor_rotations = np.empty((n, 3, 3))
         self._rotations = np.empty((n, 3, 3))
         self._relative = np.empty((self._pattern.n_free, 3, 3))
