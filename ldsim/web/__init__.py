@@ -8,7 +8,7 @@ from importlib.resources import files
 
 __all__ = ["PAGE_MATERIALS", "bundle", "inlined", "page", "playground", "playground_style"]
 
-# The materials that port.py translates for the page that steps by itself; another is refused there by its name.
+# The materials that tools/port.py translates for the page that steps by itself; another is refused there by its name.
 PAGE_MATERIALS = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.web import port
+from tools import port
 
 
 def test_the_generated_file_is_that_of_the_materials_as_they_are() -> None:
-    hint = "run `python -m ldsim.web.port` and ldsim/web/build.sh, and commit what they write"
+    hint = "run `python -m tools.port` and ldsim/web/build.sh, and commit what they write"
     assert port.TARGET.read_text(encoding="utf-8") == port.materials_script(), hint
 
 

@@ -1,4 +1,4 @@
-// Made by `python -m ldsim.web.port` from ldsim/mechanics/materials: change that, not this.
+// Made by `python -m tools.port` from ldsim/mechanics/materials: change that, not this.
 
 function tensors_squared_norm(A) {
 return (((((((((A[0] * A[0]) + (A[1] * A[1])) + (A[2] * A[2])) + (A[3] * A[3])) + (A[4] * A[4])) + (A[5] * A[5])) + (A[6] * A[6])) + (A[7] * A[7])) + (A[8] * A[8]));

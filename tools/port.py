@@ -1,4 +1,4 @@
-"""The materials in JavaScript, made from their Python: `python -m ldsim.web.port` writes src/generated/materials.js.
+"""The materials in JavaScript, made from their Python: `python -m tools.port` writes materials.js.
 
 The kernels of ldsim/mechanics/materials are scalars and tuples in a small part of Python, which says the same in
 JavaScript, with arrays for tuples. Only that part is known here; whatever else a material used is refused by name.
@@ -10,11 +10,12 @@ import ast
 from functools import cache
 from pathlib import Path
 
+import ldsim
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.web import PAGE_MATERIALS
 
-FOLDER = Path(__file__).parents[1] / "mechanics" / "materials"
-TARGET = Path(__file__).parent / "src" / "generated" / "materials.js"
+FOLDER = Path(ldsim.__file__).parent / "mechanics" / "materials"
+TARGET = Path(ldsim.__file__).parent / "web" / "src" / "generated" / "materials.js"
 PACKAGE = "ldsim.mechanics.materials"
 
 OPERATORS: dict[type[ast.AST], str] = {
@@ -31,7 +32,7 @@ OWN = {
     "tensors.inverse_cube_root": "((x) => 1 / Math.cbrt(x))",
 }
 
-HEAD = "// Made by `python -m ldsim.web.port` from ldsim/mechanics/materials: change that, not this.\n\n"
+HEAD = "// Made by `python -m tools.port` from ldsim/mechanics/materials: change that, not this.\n\n"
 TAIL = """
 /** The material of a number, as Python numbers them. */
 export function material(number) {
