@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ldsim.cubature.kernels import add_point_energies, add_point_powers
 from ldsim.cubature.samples import PoseSpace, Samples, Tangents, blocks, pose_scales
@@ -210,33 +211,26 @@ class TangentTerm:
         self._forces = forces
         place = np.full(2 * pairs, -1)
         place[forces.kept] = np.arange(forces.n_poses)
-        both = (place[:pairs] >= 0) & (place[pairs:] >= 0)
-        self._ahead, self._behind = place[:pairs][both], place[pairs:][both]
-        self._scales = np.ones(len(self._ahead))
-        changes = self._change(forces.target[:, None])
-        self._scales = pose_scales(np.linalg.norm(changes.reshape(len(self._ahead), -1), axis=1))
-        self.target: Array = self._change(forces.target[:, None])[:, 0]
+        ahead, behind = place[:pairs], place[pairs:]
+        ends = np.stack([ahead, behind], axis=1)[(ahead >= 0) & (behind >= 0)]
+        # one row a pair: + the force ahead, − the one behind, both without the scale that `forces` gave them
+        entries = (np.array([1.0, -1.0]) * forces.scales[ends]).ravel()
+        rows = np.repeat(np.arange(len(ends)), 2)
+        change = csr_array((entries, (rows, ends.ravel())), shape=(len(ends), forces.n_poses))
+        scales = pose_scales(np.linalg.norm(change @ forces.target.reshape(forces.n_poses, -1), axis=1))
+        self._change: csr_array = csr_array(kron(diags_array(1 / scales) @ change, eye_array(forces.dimension)))
+        self.target: Array = self._change @ forces.target
 
     @property
     def point_weights(self) -> Array:
         return self._forces.point_weights
 
     def columns(self, points: Indices) -> Array:
-        return self._change(self._forces.columns(points))
+        columns: Array = self._change @ self._forces.columns(points)
+        return columns
 
     def correlations(self, residual: Array) -> Array:
-        rho = residual.reshape(len(self._scales), -1) / self._scales[:, None]
-        both = np.zeros((self._forces.n_poses, self._forces.dimension))
-        both[self._ahead] += rho
-        both[self._behind] -= rho
-        return self._forces.correlations((both * self._forces.scales[:, None]).ravel())
-
-    def _change(self, columns: Array) -> Array:
-        """Normalised forces (e, c) → normalised changes."""
-        shape = (self._forces.n_poses, self._forces.dimension, columns.shape[1])
-        forces = columns.reshape(shape) * self._forces.scales[:, None, None]
-        changes: Array = (forces[self._ahead] - forces[self._behind]) / self._scales[:, None, None]
-        return changes.reshape(len(self._ahead) * shape[1], shape[2])
+        return self._forces.correlations(self._change.T @ residual)
 
 
 class EnergyTerm:

@@ -1,4 +1,4 @@
-"""What steps: the protocols of a stepper, which takes a state and what acts on it to the next state, and of a state."""
+"""What steps: the protocol of a stepper, which takes a state and what acts on it to the next state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ S = TypeVar("S")
 
 
 class Stepper(Protocol[S]):
-    """Steps a scene in one space. It keeps nothing of a run: states are never changed, so any can be gone back to."""
+    """Steps a scene in one space. It keeps nothing of a run: states are never changed, so any can be gone back to.
+
+    A state makes of itself, by `standing()`, the same shape without velocity, and by `renewed()` the same motion, with
+    nothing kept from earlier steps.
+    """
 
     @property
     def scene(self) -> Scene: ...
@@ -43,16 +47,4 @@ class Stepper(Protocol[S]):
 
     def stiffened(self, scale: float) -> Stepper[S]:
         """The same steps with the Lamé parameters of the scene times a positive number."""
-        ...
-
-
-class State(Protocol):
-    """What every state can make of itself."""
-
-    def standing(self: S) -> S:
-        """The same shape without velocity and with nothing kept from earlier steps."""
-        ...
-
-    def renewed(self: S) -> S:
-        """The same shape and velocity with nothing else kept from earlier steps."""
         ...

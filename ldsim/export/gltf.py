@@ -83,15 +83,14 @@ def _primitive(buffer: _Buffer, rest: Array, triangles: NDArray[np.int32], modes
         "POSITION": buffer.add(rest.astype("<f4"), VERTEX_BUFFER, bounds=True),
         "NORMAL": buffer.add(normals.astype("<f4"), VERTEX_BUFFER),
     }
-    targets = []
-    for j in range(modes.shape[2]):
-        turned = normal_derivative(rest, triangles, modes[:, :, j])
-        targets.append(
-            {
-                "POSITION": buffer.add(modes[:, :, j].astype("<f4"), VERTEX_BUFFER, bounds=True),
-                "NORMAL": buffer.add(turned.astype("<f4"), VERTEX_BUFFER),
-            }
-        )
+    fields = [(modes[:, :, j], normal_derivative(rest, triangles, modes[:, :, j])) for j in range(modes.shape[2])]
+    targets = [
+        {
+            "POSITION": buffer.add(mode.astype("<f4"), VERTEX_BUFFER, bounds=True),
+            "NORMAL": buffer.add(turned.astype("<f4"), VERTEX_BUFFER),
+        }
+        for mode, turned in fields
+    ]
     indices = buffer.add(triangles.astype("<u4").ravel(), INDEX_BUFFER)
     return {"attributes": attributes, "indices": indices, "material": 0, "targets": targets}
 
@@ -129,28 +128,26 @@ def _write_chunks(path: Path, document: dict[str, Any], binary: bytes) -> None:
         stream.write(struct.pack("<II", len(binary), BINARY_CHUNK) + binary)
 
 
-def _summed(per_triangle: Array, triangles: NDArray[np.int32], vertices: int) -> Array:
-    """Sum over the triangles of each vertex, (t, 3) → (v, 3)."""
-    total = np.zeros((vertices, 3))
-    for corner in range(3):
-        np.add.at(total, triangles[:, corner], per_triangle)
+def _area_vectors(a: Array, b: Array, triangles: NDArray[np.int32]) -> Array:
+    """Σ (a₁ − a₀) × (b₂ − b₀) over the triangles of each vertex, (v, 3), of two fields there, (v, 3)."""
+    (p, q, _), (r, _, s) = (np.moveaxis(field[triangles], 1, 0) for field in (a, b))
+    total = np.zeros_like(a)
+    for corner in triangles.T:
+        np.add.at(total, corner, np.cross(q - p, s - r))
     return total
 
 
 def vertex_normals(positions: Array, triangles: NDArray[np.int32]) -> Array:
     """Unit normals n = N / ‖N‖ with N the sum of the triangles' area vectors, (v, 3) float64."""
-    a, b, c = (positions[triangles[:, i]] for i in range(3))
-    N = _summed(np.cross(b - a, c - a), triangles, len(positions))
+    N = _area_vectors(positions, positions, triangles)
     normals: Array = N / np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-300)
     return normals
 
 
 def normal_derivative(positions: Array, triangles: NDArray[np.int32], direction: Array) -> Array:
     """∂n/∂x · direction, (v, 3) float64: (I − n nᵀ) dN / ‖N‖."""
-    a, b, c = (positions[triangles[:, i]] for i in range(3))
-    da, db, dc = (direction[triangles[:, i]] for i in range(3))
-    N = _summed(np.cross(b - a, c - a), triangles, len(positions))
-    change = _summed(np.cross(db - da, c - a) + np.cross(b - a, dc - da), triangles, len(positions))
+    N = _area_vectors(positions, positions, triangles)
+    change = _area_vectors(direction, positions, triangles) + _area_vectors(positions, direction, triangles)
     length = np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-300)
     n = N / length
     turned: Array = (change - n * np.einsum("vi,vi->v", n, change)[:, None]) / length

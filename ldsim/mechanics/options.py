@@ -99,6 +99,11 @@ class PathOptions(Options):
     ] = "eased"
     keyframes: tuple[Keyframe, ...]
 
+    @property
+    def eased(self) -> bool:
+        """Whether each stretch starts and ends at rest."""
+        return self.interpolation == "eased"
+
     @field_validator("keyframes")
     @classmethod
     def _a_path(cls, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:

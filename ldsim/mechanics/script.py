@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.options import (
-    GrabOptions,
     GravitySweepOptions,
     MovingPinsOptions,
-    PathOptions,
     ReleaseOptions,
     ScriptOptions,
 )
@@ -56,12 +54,6 @@ class Path:
         times = np.array([time for time, _ in keyframes], dtype=np.float64)
         return cls(times, np.array([value for _, value in keyframes], dtype=np.float64), eased)
 
-    @classmethod
-    def through(cls, options: PathOptions, values: Sequence[ArrayLike]) -> Path:
-        """As the options say, with the value of each keyframe, (d,)."""
-        times = [keyframe.time for keyframe in options.keyframes]
-        return cls.of(list(zip(times, values, strict=True)), options.interpolation == "eased")
-
     def at(self, times: Array) -> Array:
         """The values at given times, (t, d)."""
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
@@ -70,11 +62,6 @@ class Path:
             share = share * share * (3 - 2 * share)
         values: Array = self.values[i] + share[:, None] * (self.values[i + 1] - self.values[i])
         return values
-
-    @property
-    def end(self) -> float:
-        """Time of the last keyframe, s."""
-        return float(self.times[-1])
 
 
 def frame_times(frames: int, time_step: float) -> Array:
@@ -97,7 +84,7 @@ def grab_along(
         point: where it takes hold, (3,) metres, on the rest shape or the deformed one.
     """
     start = int(np.ceil(path.times[0] / time_step - 1e-6)) - 1
-    stop = frames_until(path.end, time_step)
+    stop = frames_until(float(path.times[-1]), time_step)
     start = max(start, 0)
     if start >= stop:
         return None
@@ -181,18 +168,18 @@ def scripted(name: str, scene: Scene, script: ScriptOptions) -> Motion:
     paths = [*script.grabs, *script.moving_pins, *([script.gravity] if script.gravity else [])]
     last = max(path.keyframes[-1].time for path in paths)
     times = frame_times(frames_until(script.duration or last, h), h)
-    drags = [drag for grab in script.grabs if (drag := _grab(grab, h)) is not None and drag.start < len(times)]
+    drags = []
+    for grab in script.grabs:
+        path = Path.of([(each.time, each.target) for each in grab.keyframes], grab.eased)
+        drags.append(grab_along(path, grab.point, grab.radius, grab.stiffness, grab.at_rest, h))
     gravity = None
     if script.gravity is not None:
-        gravity = Path.through(script.gravity, [each.acceleration for each in script.gravity.keyframes]).at(times)
+        keyframes = [(each.time, each.acceleration) for each in script.gravity.keyframes]
+        gravity = Path.of(keyframes, script.gravity.eased).at(times)
     supports = tuple(_support(scene, moving, times) for moving in script.moving_pins)
     _check_disjoint(supports)
-    return Motion(name, len(times), tuple(drags), gravity, supports)
-
-
-def _grab(grab: GrabOptions, time_step: float) -> Drag | None:
-    path = Path.through(grab, [keyframe.target for keyframe in grab.keyframes])
-    return grab_along(path, grab.point, grab.radius, grab.stiffness, grab.at_rest, time_step)
+    pulls = tuple(drag for drag in drags if drag is not None and drag.start < len(times))
+    return Motion(name, len(times), pulls, gravity, supports)
 
 
 def _support(scene: Scene, moving: MovingPinsOptions, times: Array) -> Support:
@@ -201,7 +188,8 @@ def _support(scene: Scene, moving: MovingPinsOptions, times: Array) -> Support:
     if len(vertices) == 0:
         raise MotionError(f"{place} holds no pinned vertex; only pins can follow a path, so pin them (mesh.pins)")
     centre = scene.mesh.vertices[vertices].mean(axis=0) if moving.centre is None else moving.centre
-    path = Path.through(moving, [(*pose.translation, np.radians(pose.angle)) for pose in moving.keyframes])
+    poses = [(pose.time, (*pose.translation, np.radians(pose.angle))) for pose in moving.keyframes]
+    path = Path.of(poses, moving.eased)
     return support_along(path, vertices, centre, moving.axis, times)
 
 

@@ -111,41 +111,25 @@ def _check_path(path: Path) -> None:
         raise MeshError(f"{path} is a directory; expected a mesh file")
     if not path.is_file():
         raise MeshError(f"mesh file {path} does not exist; check the path (mesh.file)")
-    _check_extension(path)
+    if path.suffix.lower() not in meshio.extension_to_filetypes:
+        raise MeshError(f"{path} has the unknown extension {path.suffix!r}; allowed are {COMMON_EXTENSIONS} and others")
     if path.stat().st_size == 0:
         raise MeshError(f"mesh file {path} is empty")
 
 
-def _check_extension(path: Path) -> None:
-    if path.suffix.lower() not in meshio.extension_to_filetypes:
-        raise MeshError(f"{path} has the unknown extension {path.suffix!r}; allowed are {COMMON_EXTENSIONS} and others")
-
-
 def _read_raw(path: Path) -> meshio.Mesh:
+    """What meshio reads; anything that it or the packages below it fail with, an exit too, becomes a `MeshError`."""
     _check_path(path)
-    hint = "; it may be truncated or of another format"
-    with _quiet() as said, _as_mesh_error(path, f"is not a readable {path.suffix} file", hint, said):
-        return meshio.read(path)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[io.StringIO]:
-    """Catch what meshio and the packages below it print; yields what they said."""
     said = io.StringIO()
     with warnings.catch_warnings(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
         warnings.simplefilter("ignore")
-        yield said
-
-
-@contextlib.contextmanager
-def _as_mesh_error(path: Path, what: str, hint: str = "", said: io.StringIO | None = None) -> Iterator[None]:
-    """Turn anything that meshio fails with into a `MeshError`: an exit, or its parsers' own errors."""
-    try:
-        yield
-    except (Exception, SystemExit) as error:
-        words = said.getvalue() if said is not None and isinstance(error, SystemExit) else str(error)
-        reason = " ".join(words.split()) or type(error).__name__
-        raise MeshError(f"{path} {what} ({reason}){hint}") from error
+        try:
+            return meshio.read(path)
+        except (Exception, SystemExit) as error:
+            words = said.getvalue() if isinstance(error, SystemExit) else str(error)
+            reason = " ".join(words.split()) or type(error).__name__
+            hint = "it may be truncated or of another format"
+            raise MeshError(f"{path} is not a readable {path.suffix} file ({reason}); {hint}") from error
 
 
 def _volume_cells(path: Path, raw: meshio.Mesh) -> tuple[str, np.ndarray]:

@@ -74,17 +74,7 @@ class Mesh:
         cells = np.ascontiguousarray(cells, dtype=np.int32)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "cells", cells)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
-            raise MeshError(f"vertices have shape {vertices.shape}; expected (n, 3) with n > 0")
-        nodes = NODES_PER_CELL[self.cell_type]
-        if cells.ndim != 2 or cells.shape[1] != nodes or len(cells) == 0:
-            raise MeshError(f"cells have shape {cells.shape}; expected (m, {nodes}) with m > 0 for {self.cell_type}")
-        if not np.isfinite(vertices).all():
-            row = int(np.argwhere(~np.isfinite(vertices))[0, 0])
-            raise MeshError(f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers")
-        if cells.min() < 0 or cells.max() >= len(vertices):
-            row = int(np.argwhere((cells < 0) | (cells >= len(vertices)))[0, 0])
-            raise MeshError(f"cell {row} refers to vertices {cells[row].tolist()}; allowed are 0 … {len(vertices) - 1}")
+        check_indices(vertices, cells, NODES_PER_CELL[self.cell_type], "cell", "m")
 
     @property
     def n_vertices(self) -> int:
@@ -98,6 +88,24 @@ class Mesh:
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal, metres."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+
+def check_indices(vertices: NDArray[np.float64], cells: NDArray[np.integer], nodes: int, what: str, count: str) -> None:
+    """Refuse vertices, (n, 3), or what refers to them, (count, nodes), that make no mesh; `what` is one of these.
+
+    Raises:
+        MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
+    """
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
+        raise MeshError(f"vertices have shape {vertices.shape}; expected (n, 3) with n > 0")
+    if cells.ndim != 2 or cells.shape[1] != nodes or len(cells) == 0:
+        raise MeshError(f"{what}s have shape {cells.shape}; expected ({count}, {nodes}) with {count} > 0")
+    if not np.isfinite(vertices).all():
+        row = int(np.argwhere(~np.isfinite(vertices))[0, 0])
+        raise MeshError(f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers")
+    if cells.min() < 0 or cells.max() >= len(vertices):
+        row = int(np.argwhere((cells < 0) | (cells >= len(vertices)))[0, 0])
+        raise MeshError(f"{what} {row} refers to vertices {cells[row].tolist()}; allowed are 0 … {len(vertices) - 1}")
 
 
 def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldsim.errors import MeshError
+from ldsim.mesh.mesh import check_indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,18 +30,7 @@ class Triangles:
         faces = np.ascontiguousarray(self.faces, dtype=np.int64)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
-            raise MeshError(f"vertices have shape {vertices.shape}; expected (n, 3) with n > 0")
-        if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-            raise MeshError(f"triangles have shape {faces.shape}; expected (f, 3) with f > 0")
-        if not np.isfinite(vertices).all():
-            row = int(np.argwhere(~np.isfinite(vertices))[0, 0])
-            raise MeshError(f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            row = int(np.argwhere((faces < 0) | (faces >= len(vertices)))[0, 0])
-            raise MeshError(
-                f"triangle {row} refers to vertices {faces[row].tolist()}; allowed are 0 … {len(vertices) - 1}"
-            )
+        check_indices(vertices, faces, 3, "triangle", "f")
 
     @property
     def diagonal(self) -> float:

@@ -11,8 +11,7 @@ from ldsim.mesh.formats import naming, read_surface
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.options import SurfaceOptions
 from ldsim.mesh.repair import repaired
-from ldsim.mesh.tetrahedralize import Tetrahedralization, tetrahedralized, tetrahedralized_to_count
-from ldsim.mesh.triangles import Triangles
+from ldsim.mesh.tetrahedralize import tetrahedralized, tetrahedralized_to_count
 
 # A mesh, and what the header of scene.h5 says of the surface that it was made from.
 Tets = tuple[Mesh, dict[str, str | float]]
@@ -40,18 +39,16 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
         for repair in mended.repairs:
             tell(f"{path.name}: {repair}")
         tell(f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, meshing")
-        found = _tets(mended.surface, options, tell)
+        limits = (options.envelope, options.timeout)
+        if options.edge_length is not None:
+            found = tetrahedralized(mended.surface, options.edge_length, *limits)
+        else:
+            assert options.cells is not None
+            found = tetrahedralized_to_count(mended.surface, options.cells, *limits, tell)
     quality = found.quality()
     _tell_quality(found.mesh.n_cells, quality, tell)
     notes = {f"surface_{name}": value for name, value in quality.items()}
     return found.mesh, {"surface_repairs": "; ".join(mended.repairs) or "none", **notes}
-
-
-def _tets(surface: Triangles, options: SurfaceOptions, tell: Tell) -> Tetrahedralization:
-    if options.cells is not None:
-        return tetrahedralized_to_count(surface, options.cells, options.envelope, options.timeout, tell)
-    assert options.edge_length is not None
-    return tetrahedralized(surface, options.edge_length, options.envelope, options.timeout)
 
 
 def _tell_quality(cells: int, quality: dict[str, float], tell: Tell) -> None:

@@ -184,18 +184,10 @@ def _badness(run: MotionRun) -> float:
 def warnings_of(runs: Sequence[Reported]) -> list[str]:
     """What a reader must know before the numbers: first what makes the runs hard to compare, then each run's own."""
     return [
-        *_unlike(runs, "processors, so their step times do not compare", _processor),
-        *_unlike(runs, "versions of ldsim", _version),
+        *_unlike(runs, "processors, so their step times do not compare", lambda m: f"{m.cpu}, {m.cores} cores"),
+        *_unlike(runs, "versions of ldsim", lambda m: m.versions.get("ldsim", "unknown")),
         *(f"{run.name}: {warning}" for run in runs for warning in run.report.warnings),
     ]
-
-
-def _processor(machine: MachineDescription) -> str:
-    return f"{machine.cpu}, {machine.cores} cores"
-
-
-def _version(machine: MachineDescription) -> str:
-    return machine.versions.get("ldsim", "unknown")
 
 
 def _unlike(runs: Sequence[Reported], what: str, of: Callable[[MachineDescription], str]) -> list[str]:
