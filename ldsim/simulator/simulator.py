@@ -39,14 +39,25 @@ class Handle:
         self._key = key
 
     @property
+    def grab(self) -> Grab:
+        """What it holds, where to, and how strongly.
+
+        Raises:
+            MotionError: it was released, here, by `reset` or by `restore`.
+        """
+        if self._key not in self._simulator.held:
+            raise MotionError("this grab was released; grab again")
+        return self._simulator.held[self._key]
+
+    @property
     def vertices(self) -> NDArray[np.int64]:
         """The vertices held, (g,) int64."""
-        return self._simulator.held(self._key).vertices
+        return self.grab.vertices
 
     @property
     def target(self) -> Array:
         """Where their centroid is pulled to, (3,) float64, metres."""
-        return self._simulator.held(self._key).target
+        return self.grab.target
 
     @property
     def centroid(self) -> Array:
@@ -55,11 +66,11 @@ class Handle:
 
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
-        self._simulator.move(self._key, target)
+        self._simulator.held[self._key] = replace(self.grab, target=_vector(target, "target", "m"))
 
     def release(self) -> None:
         """Let go; a second time does nothing."""
-        self._simulator.release(self._key)
+        self._simulator.held.pop(self._key, None)
 
 
 class Simulator:
@@ -71,6 +82,7 @@ class Simulator:
         bound: a step that leads further than this many diagonals from rest is not taken.
 
     Attributes:
+        held: what is held now, by the number of its handle.
         last: the record of the last step, None before the first.
         counts: how many steps came to each outcome since the last reset.
     """
@@ -88,7 +100,7 @@ class Simulator:
     def reset(self) -> None:
         """Back to rest, without grabs; gravity and material stay as they were set."""
         self._state = self._stepper.rest()
-        self._grabs: dict[int, Grab] = {}
+        self.held: dict[int, Grab] = {}
         self._pins: tuple[MovedPins, ...] = ()
         self._number = 0
         self.last: StepRecord | None = None
@@ -128,30 +140,12 @@ class Simulator:
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
         vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * self.scene.mesh.diagonal)
         key, self._next_key = self._next_key, self._next_key + 1
-        self._grabs[key] = Grab(vertices, place, stiffness)
+        self.held[key] = Grab(vertices, place, stiffness)
         return Handle(self, key)
-
-    def held(self, key: int) -> Grab:
-        """The grab of a handle.
-
-        Raises:
-            MotionError: it was released, by its handle, by `reset` or by `restore`.
-        """
-        if key not in self._grabs:
-            raise MotionError("this grab was released; grab again")
-        return self._grabs[key]
-
-    def move(self, key: int, target: ArrayLike) -> None:
-        """Pull the grab of a handle to another target, (3,) metres."""
-        self._grabs[key] = replace(self.held(key), target=_vector(target, "target", "m"))
-
-    def release(self, key: int) -> None:
-        """Let the grab of a handle go, if it is still held."""
-        self._grabs.pop(key, None)
 
     def set_grabs(self, grabs: Sequence[Grab]) -> None:
         """Hold exactly these from now on, as a motion that is replayed does."""
-        self._grabs = dict(enumerate(grabs, self._next_key))
+        self.held = dict(enumerate(grabs, self._next_key))
         self._next_key += len(grabs)
 
     def set_pins(self, pins: Sequence[MovedPins]) -> None:
@@ -164,7 +158,7 @@ class Simulator:
     @property
     def grabs(self) -> list[Grab]:
         """What is held now."""
-        return [self._grabs[key] for key in sorted(self._grabs)]
+        return [self.held[key] for key in sorted(self.held)]
 
     @property
     def gravity(self) -> Array:
@@ -271,7 +265,7 @@ class Simulator:
 
     def save(self) -> SavedState:
         """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""
-        return SavedState(self._state, dict(self._grabs), self._pins, self._gravity, self._material_scale, self._number)
+        return SavedState(self._state, dict(self.held), self._pins, self._gravity, self._material_scale, self._number)
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a saved state of this run and space.
@@ -286,7 +280,7 @@ class Simulator:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
         if not self._stepper.extent(saved.state) <= self._limit:
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
-        self._state, self._grabs, self._number = saved.state, dict(saved.grabs), saved.number
+        self._state, self.held, self._number = saved.state, dict(saved.grabs), saved.number
         self._pins = saved.pins
         self._change(saved.gravity, saved.material_scale)
 
