@@ -15,13 +15,12 @@ from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
+from ldsim.export.paraview import write_vtu_series, write_xdmf
 from ldsim.export.pictures import MP4, WEBM, write_video, write_webp
 from ldsim.export.playback import Playback, playback
 from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
-from ldsim.export.vtk import write_vtu_series
-from ldsim.export.xdmf import write_xdmf
 from ldsim.run import Run
 
 

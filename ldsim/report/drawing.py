@@ -6,7 +6,6 @@ A picture has a transparent background and text in a middle grey, so that it rea
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from typing import TypeAlias
 
@@ -34,14 +33,6 @@ DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", [PALETTE[f"scal
 KEY_LIGHT = np.array([-0.45, 0.65, 0.61])
 OVERSAMPLING = 2
 DOTS_PER_INCH = 100
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """One picture of a row: its title and the positions of the vertices, (n, 3), metres."""
-
-    title: str
-    positions: Array
 
 
 def draw_mesh(
@@ -83,36 +74,42 @@ def draw_mesh(
 
 
 def side_by_side(
-    poses: Sequence[Pose],
+    poses: Sequence[tuple[str, Array]],
     triangles: Triangles,
     reference: Array | None = None,
     view: View | None = None,
     limits: Array | None = None,
     width: int = 1200,
-) -> bytes:
-    """The same frame of several runs in a row, by one camera in one framing, as PNG.
+) -> Picture:
+    """The same frame of several runs in a row, by one camera in one framing.
 
     Args:
-        poses: what to draw, left to right.
+        poses: what to draw, left to right: titles, and the positions of the vertices, (n, 3), metres.
         triangles: the surface, (t, 3), anticlockwise seen from outside.
         reference: positions (n, 3), metres; given, vertices are coloured by their distance to it in millimetres,
             on one scale for all pictures, which a colour bar shows.
         view, limits: camera and framing; by default three-quarters from the front, around all poses.
         width: of the picture, pixels.
     """
-    everything = np.stack([pose.positions for pose in poses])
+    everything = np.stack([positions for _, positions in poses])
     view = view or look_at(everything)
     limits = limits_of(view, everything) if limits is None else limits
     distances = 1000 * np.linalg.norm(everything - (everything if reference is None else reference), axis=2)
     most = float(max(distances.max(), 1e-9))
     figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
-    for ax, pose, distance in zip(panels, poses, distances, strict=True):
-        draw_mesh(ax, pose.positions, triangles, view, limits, shades=None if reference is None else distance / most)
-        _title(ax, pose.title, width)
+    for ax, (title, positions), distance in zip(panels, poses, distances, strict=True):
+        draw_mesh(ax, positions, triangles, view, limits, shades=None if reference is None else distance / most)
+        # its size follows the picture's width, so that pictures scaled to one width match
+        ax.set_title(title, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
     if reference is not None:
         _colour_bar(figure, most)
+    return _rasterised(figure)
+
+
+def png(picture: Picture) -> bytes:
+    """A picture as a file."""
     buffer = BytesIO()
-    _rasterised(figure).save(buffer, "PNG", optimize=True)
+    picture.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
 
 
@@ -148,12 +145,9 @@ def moving_pictures(
     everything = np.concatenate([positions for _, positions in motions])
     view = view or look_at(everything)
     limits = limits_of(view, everything)
-    for frame in range(len(motions[0][1])):
-        figure, panels = _row_of_panels(len(motions), limits, width, bar=False)
-        for ax, (title, positions) in zip(panels, motions, strict=True):
-            draw_mesh(ax, positions[frame], triangles, view, limits)
-            _title(ax, title, width)
-        yield _rasterised(figure)
+    for frame in range(len(everything) // len(motions)):
+        row = [(title, positions[frame]) for title, positions in motions]
+        yield side_by_side(row, triangles, None, view, limits, width)
 
 
 def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
@@ -205,11 +199,6 @@ def _row_of_panels(count: int, limits: Array, width: int, bar: bool) -> tuple[Fi
     rows = (height - title - foot) / height
     gap = 0.02 / count
     return figure, [figure.add_axes((i / count + gap / 2, foot / height, 1 / count - gap, rows)) for i in range(count)]
-
-
-def _title(ax: Axes, text: str, width: int) -> None:
-    """A title whose size follows the picture's width, so that pictures scaled to one width match."""
-    ax.set_title(text, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
 
 
 def _colour_bar(figure: Figure, most: float) -> None:

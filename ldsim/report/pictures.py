@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import limits_of, look_at_broadside, upright
-from ldsim.report.drawing import Pose, animation, side_by_side
+from ldsim.report.drawing import animation, png, side_by_side
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import MM_PER_M, ROLE_NAMES
 from ldsim.report.wording import readable
@@ -62,18 +62,18 @@ class Studio:
         """One frame of all spaces; a space that is lost by then is left out and named in the caption."""
         at = np.array([moment.frame])
         full = self._positions("full", moment.motion, at)[0]
-        poses, remarks, framed = [Pose(title(self._run, "full"), full)], [], [full]
+        poses, remarks, framed = [(title(self._run, "full"), full)], [], [full]
         for space, trajectory in reduced_runs(self._run, moment.motion).items():
             reduced = self._positions(space, moment.motion, at)[0]
             if not np.isfinite(reduced).all():
                 remarks.append(f"{space} has diverged")
                 continue
-            poses.append(Pose(title(self._run, space), reduced))
+            poses.append((title(self._run, space), reduced))
             framed += [reduced] if self._near(reduced, full) else []
             if trajectory.mean_error is not None:
                 remarks.append(f"{space} {readable(MM_PER_M * float(trajectory.mean_error[moment.frame]))} mm")
         view = look_at_broadside(self._rest, np.stack(framed))
-        data = side_by_side(poses, self._triangles, full, view, limits_of(view, np.stack(framed)))
+        data = png(side_by_side(poses, self._triangles, full, view, limits_of(view, np.stack(framed))))
         caption = f"{self._motion_words(moment.motion)} at {self._seconds(moment.frame):.2f} s"
         caption += f"; mean distance to full space: {', '.join(remarks)}." if remarks else "."
         return Picture(f"{moment.motion}_{moment.frame:05d}.png", caption, data)

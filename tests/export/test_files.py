@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz, write_safetensors
 from ldsim.export.formats import FORMATS
+from ldsim.export.paraview import write_vtu_series, write_xdmf
 from ldsim.export.playback import Playback, playback
-from ldsim.export.vtk import write_vtu_series
-from ldsim.export.xdmf import write_xdmf
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.surface import Surface
 from ldsim.run import Run

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
-from ldsim.report.drawing import Pose, animation, draw_mesh, side_by_side
+from ldsim.report.drawing import animation, draw_mesh, png, side_by_side
 
 FRONT = View(azimuth=0.0, elevation=0.0)
 BOX = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -112,8 +112,8 @@ def test_an_eye_at_no_distance_is_refused():
 
 def test_poses_stand_side_by_side_in_one_framing():
     vertices, triangles = cube()
-    poses = [Pose("left", vertices), Pose("right", vertices)]
-    image = np.asarray(Image.open(BytesIO(side_by_side(poses, triangles, width=400))))
+    poses = [("left", vertices), ("right", vertices)]
+    image = np.asarray(Image.open(BytesIO(png(side_by_side(poses, triangles, width=400)))))
     assert image.shape[1] == 400
     body = image[20:]
     np.testing.assert_array_equal(body[:, :200], body[:, 200:])
@@ -121,8 +121,8 @@ def test_poses_stand_side_by_side_in_one_framing():
 
 def test_colours_show_the_distance_to_the_reference():
     vertices, triangles = cube()
-    poses = [Pose("same", vertices), Pose("moved", vertices + [0.0, 0.0, 0.2])]
-    image = np.asarray(Image.open(BytesIO(side_by_side(poses, triangles, reference=vertices, width=400)))).astype(int)
+    poses = [("same", vertices), ("moved", vertices + [0.0, 0.0, 0.2])]
+    image = np.asarray(side_by_side(poses, triangles, reference=vertices, width=400)).astype(int)
     middle = image.shape[0] // 3
     warmth = image[..., 0] - image[..., 2]
     assert abs(warmth[middle, 100]) < 40 < warmth[middle, 300]

@@ -1,15 +1,38 @@
-"""XDMF 3 with HDF5: the mesh once, the displacement of every frame, for ParaView's "Warp By Vector"."""
+"""Files for ParaView: VTK's XML by meshio, deformed frame by frame; XDMF 3, whose one HDF5 file has the mesh but once.
+
+XDMF holds the displacement of every frame for "Warp By Vector"; of VTK's, a .pvd gives each frame its time.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import h5py
+import meshio
 import numpy as np
 
 from ldsim.export.playback import Playback
 
-TOPOLOGY = {"tet4": "Tetrahedron", "hex8": "Hexahedron"}
+# What meshio and XDMF call the cells.
+CELLS = {"tet4": ("tetra", "Tetrahedron"), "hex8": ("hexahedron", "Hexahedron")}
+
+
+def write_vtu_series(playback: Playback, folder: Path) -> None:
+    """Write folder/<motion>-<space>.pvd and one frames/<number>.vtu a frame: deformed positions, displacements."""
+    (folder / "frames").mkdir()
+    mesh, digits = playback.mesh, len(str(playback.frames - 1))
+    cells, entries = [(CELLS[mesh.cell_type][0], mesh.cells)], []
+    for frame in range(playback.frames):
+        name, u = f"frames/{frame:0{digits}d}.vtu", playback.displacement(frame)
+        data = {"displacement": u.astype("f4")}
+        meshio.write(folder / name, meshio.Mesh(mesh.vertices + u, cells, point_data=data))
+        entries.append(f'<DataSet timestep="{playback.time(frame):.9g}" part="0" file="{name}"/>')
+    (folder / f"{playback.title}.pvd").write_text(
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">\n<Collection>\n'
+        + "\n".join(entries)
+        + "\n</Collection>\n</VTKFile>\n",
+        encoding="ascii",
+    )
 
 
 def write_xdmf(playback: Playback, folder: Path) -> None:
@@ -36,7 +59,7 @@ def _frame(playback: Playback, frame: int, name: str) -> str:
     displacement = _data("Float", 4, (n, 3), f"{name}:/displacement/{frame}")
     return (
         f'<Grid Name="{frame}" GridType="Uniform"><Time Value="{playback.time(frame):.9g}"/>'
-        f'<Topology TopologyType="{TOPOLOGY[playback.mesh.cell_type]}" NumberOfElements="{m}">{cells}</Topology>'
+        f'<Topology TopologyType="{CELLS[playback.mesh.cell_type][1]}" NumberOfElements="{m}">{cells}</Topology>'
         f'<Geometry GeometryType="XYZ">{vertices}</Geometry>'
         f'<Attribute Name="displacement" AttributeType="Vector" Center="Node">{displacement}</Attribute></Grid>'
     )
