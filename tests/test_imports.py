@@ -17,6 +17,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # The house from the ground up: a room imports from itself and from those before it.
 ROOMS = (
     "ldsim",  # the version
+    "arrays",
     "errors",
     "options",
     "jit",

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.cubature.methods import fit
 from ldsim.cubature.options import CubatureOptions, FitOptions, VirtualOptions
 from ldsim.cubature.path import RulePath, Tell, VirtualFit, relative_errors
@@ -18,8 +18,6 @@ from ldsim.cubature.terms import EnergyTerm, ForceTerm, TangentTerm, Term
 from ldsim.cubature.virtual import Targets, fit_virtual, virtual_error
 from ldsim.errors import SolverError
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Judge = Callable[[CubatureRule], float]
 
 # Length of the steps that the tangent is taken over, as a share of the standard deviation of the poses.

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
 from ldsim.mechanics.materials.kernels import deformation, energy, weighted_stresses
-
-Array = NDArray[np.float64]
 
 # Length of a step in F to either side, for differences of the stress: about the cube root of the rounding, where its
 # error and that of the difference are alike.

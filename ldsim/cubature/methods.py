@@ -10,15 +10,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Indices
 from ldsim.cubature.options import FitOptions
 from ldsim.cubature.path import PathBuilder, RulePath, Tell
 from ldsim.cubature.point_exchange import exchange
 from ldsim.cubature.system import Candidates, System
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Method = Callable[[Candidates, FitOptions, PathBuilder], None]
 
 # Candidates drawn for each addition of `an`: An et al. 2008, Sec. 5.3, take some hundreds; the paper's authors 200.

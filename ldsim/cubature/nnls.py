@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-Array = NDArray[np.float64]
+from ldsim.arrays import Array
 
 # Keeps two equal columns solvable; they then share their weight.
 RIDGE = 1e-13

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.system import Candidates
 from ldsim.cubature.terms import Term
 from ldsim.errors import SolverError
 
-Array = NDArray[np.float64]
 Tell = Callable[[int, float], None]
 
 POINTS_AT_ONCE = 512

@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
 from ldsim.mechanics.scene import Scene
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ class CubatureRule:
         return np.ascontiguousarray(self.maps, dtype=np.float64)
 
 
-def strain_maps(scene: Scene, U: Array, points: NDArray[np.int64]) -> Array:
+def strain_maps(scene: Scene, U: Array, points: Indices) -> Array:
     """∂F/∂q of the given points, (c, 9, k) float64, 1/m: G_s = Σ_a U_a ⊗ ∇N_a, F's nine entries row by row."""
     k = U.shape[1]
     nodal = U.reshape(scene.mesh.n_vertices, 3, k)

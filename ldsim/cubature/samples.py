@@ -15,15 +15,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
 from ldsim.jit import in_threads
 from ldsim.mechanics.elastic import Elements, add_elastic_gradient
 from ldsim.mechanics.scene import Scene
 from ldsim.space.decoder import Decoder
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 POSES_AT_ONCE = 16
 # A pose is never scaled by less than this share of the median force: those near rest would else decide alone.

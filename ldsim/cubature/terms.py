@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array, kron
 
+from ldsim.arrays import Array, Indices
 from ldsim.cubature.kernels import add_point_energies, add_point_powers
 from ldsim.cubature.samples import PoseSpace, Samples, Tangents, blocks, pose_scales
 from ldsim.jit import in_threads
 from ldsim.mechanics.elastic import Elements, elastic_energy, point_stresses
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 POINTS_AT_ONCE = 64
 # Bytes for keeping stresses in float32; poses that do not fit are computed anew in every pass.

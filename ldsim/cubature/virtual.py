@@ -20,8 +20,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.cubature.kernels import point_stress_changes, stresses_of_strains
 from ldsim.cubature.options import VirtualOptions
 from ldsim.cubature.path import Tell
@@ -29,9 +29,6 @@ from ldsim.cubature.rule import CubatureRule, strain_maps
 from ldsim.cubature.samples import PoseSpace, Samples, Tangents
 from ldsim.cubature.terms import elements_at
 from ldsim.errors import SolverError
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Adam: decays of both moments, the usual ones. A gradient longer than LONGEST is shortened to it.
 FIRST, SECOND, TINY = 0.9, 0.999, 1e-8
@@ -150,7 +147,7 @@ class MovablePoints:
         self.elements = elements_at(space.scene.elements, rule.points)
         self.maps, self.weights = rule.strain_maps(space.scene, space.basis), rule.weights
 
-    def residuals(self, targets: Targets, states: slice | NDArray[np.int64]) -> tuple[Array, Array, Array, int]:
+    def residuals(self, targets: Targets, states: slice | Indices) -> tuple[Array, Array, Array, int]:
         """A_tᵀ f − τ_t of some states, (T, r), the strains and weighted stresses there, (T, c, 9), and how many points
         have infinite energy and were left out.
         """
@@ -164,7 +161,7 @@ class MovablePoints:
         projected = np.einsum("tkr,tk->tr", targets.projection[states], forces, optimize=True)
         return projected - targets.force[states], strains, stresses, infinite
 
-    def gradient(self, targets: Targets, states: NDArray[np.int64]) -> tuple[Array, Array]:
+    def gradient(self, targets: Targets, states: Indices) -> tuple[Array, Array]:
         """Of the mean over some states of ‖residual‖², in the maps, (c, 9, k), and the weights' logarithms, (c,)."""
         k = self.maps.shape[2]
         residuals, strains, stresses, _ = self.residuals(targets, states)

@@ -6,8 +6,9 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
+from ldsim.arrays import Indices
 from ldsim.dynamics.stepper import Stepper
-from ldsim.mechanics.loads import Indices, MotionLoads
+from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Motion
 from ldsim.optimise.solution import Reason, Solution
 

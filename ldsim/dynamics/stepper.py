@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Array
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Solution
 
-Array = NDArray[np.float64]
 S = TypeVar("S")
 
 

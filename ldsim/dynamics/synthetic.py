@@ -10,8 +10,8 @@ from collections.abc import Callable
 from threading import Lock
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.choose import split_poses
 from ldsim.cubature.methods import fit
 from ldsim.cubature.options import FitOptions
@@ -27,8 +27,6 @@ from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 # The cubature rule is fitted to so many poses.
 POSES, FIT = 300, FitOptions(tolerance=0.03, max_points=1000)

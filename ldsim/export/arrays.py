@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import save
 
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.stepper import reduced_mass, reduced_rest_stiffness
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import Surface
@@ -16,7 +17,6 @@ from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.space import Space
 
-Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
 
 # A pull that suits a run without drags, in diagonals: how wide, and how far away it is as strong as the weight.

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ldsim.arrays import Array
 from ldsim.export.playback import Playback
 from ldsim.mesh.surface import Surface
 from ldsim.report.camera import upright
 from ldsim.report.drawing import CLAY
-
-Array = NDArray[np.float64]
 
 COMPONENT = {"f4": 5126, "u4": 5125}
 SHAPE = {(): "SCALAR", (3,): "VEC3"}

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.run import Run
 from ldsim.space.activation import ACTIVATIONS
-
-Array = NDArray[np.float64]
 
 # All operators used are older than this version of the standard, which current runtimes read.
 OPSET, IR_VERSION = 17, 8

@@ -6,15 +6,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.run import SPACES, Run
 from ldsim.space.lifting import Lifting
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.export.playback import Playback
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import Surface
@@ -41,7 +41,7 @@ def write_usd(playback: Playback, path: Path) -> None:
         target.unlink(missing_ok=True)
 
 
-def _define_surface(stage: Any, solid: Mesh, U: NDArray[np.float64]) -> list[str]:
+def _define_surface(stage: Any, solid: Mesh, U: Array) -> list[str]:
     """The mesh at /solid/surface and its blend shapes; returns their names."""
     from pxr import UsdGeom, UsdSkel, Vt
 
@@ -65,7 +65,7 @@ def _define_surface(stage: Any, solid: Mesh, U: NDArray[np.float64]) -> list[str
     return names
 
 
-def _define_motion(stage: Any, modes: list[str], coordinates: NDArray[np.float64]) -> None:
+def _define_motion(stage: Any, modes: list[str], coordinates: Array) -> None:
     """The weights of each frame, and the skeleton without joints through which USD applies them."""
     from pxr import UsdSkel, Vt
 

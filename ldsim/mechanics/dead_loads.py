@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import SceneError
 from ldsim.mechanics.mass import mass_matrix
 from ldsim.mechanics.options import LoadOptions
@@ -12,8 +13,6 @@ from ldsim.mechanics.quadrature import quadrature
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import boundary_faces
-
-Array = NDArray[np.float64]
 
 GAUSS = 1 / np.sqrt(3)
 

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials.kernels import energy, energy_stress, tangent
 from ldsim.mechanics.materials.tensors import Matrix, determinant, product_transposed, signed_svd
-
-Array = NDArray[np.float64]
 
 
 class Elements(NamedTuple):
@@ -110,7 +109,7 @@ def smallest_volume_ratio(elements: Elements, u: Array) -> tuple[int, float]:
 
 
 @njit(cache=True, nogil=True)
-def add_elastic_stiffness(elements: Elements, u: Array, slots: NDArray[np.int64], clamp: bool, blocks: Array) -> None:
+def add_elastic_stiffness(elements: Elements, u: Array, slots: Indices, clamp: bool, blocks: Array) -> None:
     """Adds the tangent stiffness, N/m, to 3×3 `blocks` (b, 3, 3).
 
     `slots[s, a, b]` is the block of the pair of nodes a, b of point s, or −1 where one of them is pinned. In the

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mechanics.grabs import Grab, held_vertices
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class Loads(NamedTuple):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from ldsim.arrays import Array
 from ldsim.mechanics.quadrature import Quadrature, reference_points
 from ldsim.mesh.mesh import Mesh
 
@@ -13,7 +13,7 @@ from ldsim.mesh.mesh import Mesh
 TET_MASS = (np.ones((4, 4)) + np.eye(4)) / 20
 
 
-def mass_matrix(mesh: Mesh, points: Quadrature, density: NDArray[np.float64]) -> csr_array:
+def mass_matrix(mesh: Mesh, points: Quadrature, density: Array) -> csr_array:
     """The scalar mass matrix (n, n), kg; M acts on (n, 3) fields column by column.
 
     Args:

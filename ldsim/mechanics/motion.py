@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from ldsim.arrays import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +26,8 @@ class Drag:
     """
 
     start: int
-    point: NDArray[np.float64]
-    targets: NDArray[np.float64]
+    point: Array
+    targets: Array
     radius: float
     stiffness: float
     at_rest: bool = False
@@ -48,8 +47,8 @@ class Support:
         maps: (A | b) of each frame, (frames, 3, 4) float64; b in metres.
     """
 
-    vertices: NDArray[np.int64]
-    maps: NDArray[np.float64]
+    vertices: Indices
+    maps: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class Motion:
     name: str
     frames: int
     drags: tuple[Drag, ...] = ()
-    gravity: NDArray[np.float64] | None = None
+    gravity: Array | None = None
     supports: tuple[Support, ...] = ()
 
     def active(self, frame: int) -> list[int]:

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SceneError
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class MovedPins(NamedTuple):

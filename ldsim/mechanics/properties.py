@@ -8,12 +8,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import material_number
 from ldsim.mechanics.options import MaterialChangeOptions
 
-Array = NDArray[np.float64]
-Number = TypeVar("Number", float, NDArray[np.float64])
+Number = TypeVar("Number", float, Array)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.mesh.mesh import Mesh
 
 GAUSS = 1 / np.sqrt(3)
@@ -31,8 +32,8 @@ class Quadrature:
     """
 
     nodes: NDArray[np.int32]
-    gradients: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    gradients: Array
+    weights: Array
     cells: NDArray[np.int32]
 
     @property
@@ -40,7 +41,7 @@ class Quadrature:
         return len(self.weights)
 
 
-def reference_points(cell_type: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def reference_points(cell_type: str) -> tuple[Array, Array, Array]:
     """Shape functions (p, a), their reference gradients (p, a, 3) and weights (p,) at a cell's points."""
     if cell_type == "tet4":
         return np.full((1, 4), 0.25), TET_REFERENCE_GRADIENTS[None], np.array([1 / 6])

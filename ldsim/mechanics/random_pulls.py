@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.scene import Scene
@@ -17,7 +17,7 @@ def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
     return random_pulls(name, scene.mesh.vertices[movable], options)
 
 
-def random_pulls(name: str, points: NDArray[np.float64], options: PullOptions) -> Motion:
+def random_pulls(name: str, points: Array, options: PullOptions) -> Motion:
     """Pull one point after another: out along a smooth ramp, held, let go, left to swing.
 
     Points are chosen farthest from those chosen before, the first at random, so that few pulls cover the surface,
@@ -43,7 +43,7 @@ def random_pulls(name: str, points: NDArray[np.float64], options: PullOptions) -
     return Motion(name, count * stride, tuple(map(drag, range(count))))
 
 
-def spread_directions(count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+def spread_directions(count: int, generator: np.random.Generator) -> Array:
     """Unit vectors, (count, 3), spread evenly over the sphere: a Fibonacci lattice, turned and shuffled at random.
 
     Heights are the midpoints of equal bands, longitudes advance by the golden angle (Saff and Kuijlaars 1997,
@@ -54,11 +54,11 @@ def spread_directions(count: int, generator: np.random.Generator) -> NDArray[np.
     width = np.sqrt(1 - height**2)
     lattice = np.stack([width * np.cos(around), width * np.sin(around), height], axis=1)
     turn, triangle = np.linalg.qr(generator.normal(size=(3, 3)))
-    turned: NDArray[np.float64] = lattice @ (turn * np.sign(np.diag(triangle))).T
+    turned: Array = lattice @ (turn * np.sign(np.diag(triangle))).T
     return generator.permutation(turned)
 
 
-def _spread(points: NDArray[np.float64], count: int, generator: np.random.Generator) -> NDArray[np.int64]:
+def _spread(points: Array, count: int, generator: np.random.Generator) -> Indices:
     """Indices of `count` points, each the farthest from those before; starts anew when all are used."""
     chosen = [int(generator.integers(len(points)))]
     distance = np.linalg.norm(points - points[chosen[0]], axis=1)

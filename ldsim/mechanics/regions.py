@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SceneError
 from ldsim.options import Field, Options, Positive, Vector, exactly_one, model_validator
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:  # whoever only reads a configuration needs no mesh
 AXES = {"x": 0, "y": 1, "z": 2}
 
 Mask = NDArray[np.bool_]
-Points = NDArray[np.float64]
+Points = Array
 
 
 class Slab(Options):
@@ -143,7 +144,7 @@ class Region(Options):
         return found
 
 
-def _mask(indices: NDArray[np.int64], size: int) -> Mask:
+def _mask(indices: Indices, size: int) -> Mask:
     mask = np.zeros(size, dtype=bool)
     mask[indices] = True
     return mask

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.options import (
@@ -21,8 +22,6 @@ from ldsim.mechanics.options import (
     ScriptOptions,
 )
 from ldsim.mechanics.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def grab_along(
     return Drag(start, np.array(point, dtype=np.float64), targets, radius, stiffness, at_rest)
 
 
-def support_along(path: Path, vertices: NDArray[np.int64], centre: ArrayLike, axis: ArrayLike, times: Array) -> Support:
+def support_along(path: Path, vertices: Indices, centre: ArrayLike, axis: ArrayLike, times: Array) -> Support:
     """Pins that follow a path of translation and turn, x = R(axis, angle) (X − centre) + centre + translation.
 
     Args:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Mesh, corner_volumes
 
 
-def radius_ratios(mesh: Mesh) -> NDArray[np.float64]:
+def radius_ratios(mesh: Mesh) -> Array:
     """Three times the inscribed by the circumscribed sphere's radius, (m,): 1 for a regular tet, 0 for a flat one.
 
     With edges a, b, c from one corner, volume V and surface S: r = 3V/S, and R = |a²(b×c) + b²(c×a) + c²(a×b)| / 12V.
@@ -26,5 +26,5 @@ def radius_ratios(mesh: Mesh) -> NDArray[np.float64]:
     surface = np.linalg.norm(normals, axis=2).sum(axis=0) / 2
     aa, bb, cc = ((edge * edge).sum(axis=1)[:, None] for edge in (a, b, c))
     apex = np.linalg.norm(aa * np.cross(b, c) + bb * np.cross(c, a) + cc * np.cross(a, b), axis=1)
-    ratios: NDArray[np.float64] = np.divide(108 * volume**2, surface * apex, out=np.zeros_like(apex), where=apex > 0)
+    ratios: Array = np.divide(108 * volume**2, surface * apex, out=np.zeros_like(apex), where=apex > 0)
     return ratios

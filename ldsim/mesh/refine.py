@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Indices
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Group, Mesh
 
@@ -48,7 +48,7 @@ def refined(mesh: Mesh) -> Mesh:
     return Mesh(vertices, np.concatenate([corner, inner], axis=1).reshape(-1, 4), "tet4", groups)
 
 
-def _refined_group(group: Group, n_vertices: int, ends: NDArray[np.int64]) -> Group:
+def _refined_group(group: Group, n_vertices: int, ends: Indices) -> Group:
     """The group with the children of its cells; `ends` (2, e) are the vertices that each midpoint lies between."""
     inside = np.zeros(n_vertices, dtype=bool)
     inside[group.vertices] = True

@@ -12,6 +12,7 @@ from typing import ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import MeshError, SettingsError
 from ldsim.mesh.mesh import NODES_PER_CELL, Mesh
 from ldsim.mesh.options import RESOLUTION, ShapeOptions
@@ -255,7 +256,7 @@ def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: s
     return _shifted(voxel_mesh(occupied, spacing, cell_type), [-1.5 * thickness, -count * spacing, -1.5 * thickness])
 
 
-def _rise(distance: NDArray[np.float64], end: int) -> NDArray[np.float64]:
+def _rise(distance: Array, end: int) -> Array:
     """0 up to 1, then the cubic smooth step to 1 at the end."""
     t = np.clip((distance - 1) / (end - 1), 0, 1)
     return t * t * (3 - 2 * t)

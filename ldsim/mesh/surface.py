@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mesh.mesh import Mesh
 
 # Faces of a right-handed cell, counter-clockwise seen from outside.
@@ -42,7 +43,7 @@ def surface_vertices(mesh: Mesh) -> NDArray[np.int32]:
     return np.unique(boundary_faces(mesh))
 
 
-def coarsened(positions: NDArray[np.float64], triangles: NDArray[np.integer], limit: int) -> NDArray[np.int32]:
+def coarsened(positions: Array, triangles: NDArray[np.integer], limit: int) -> NDArray[np.int32]:
     """Triangles between at most `limit` of the vertices, by clustering (Rossignac and Borrel 1993).
 
     The vertices in one cell of a grid become the one nearest to their mean, and triangles that lose their area vanish.
@@ -87,8 +88,8 @@ class Surface:
         triangles: (t, 3) int32 indices into `vertices`, counter-clockwise seen from outside.
     """
 
-    vertices: NDArray[np.int64]
-    rest: NDArray[np.float64]
+    vertices: Indices
+    rest: Array
     triangles: NDArray[np.int32]
 
     @classmethod

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ldsim.arrays import Array, Indices
 from ldsim.mesh.mesh import check_indices
 
 
@@ -22,8 +23,8 @@ class Triangles:
         MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: Array
+    faces: Indices
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
@@ -43,11 +44,11 @@ class Triangles:
         return float(face_volumes(self).sum())
 
 
-def face_volumes(surface: Triangles) -> NDArray[np.float64]:
+def face_volumes(surface: Triangles) -> Array:
     """Signed volume between each triangle and the centre of the bounding box, (f,) m³; they add up to the volume."""
     centre = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
     a, b, c = np.moveaxis(surface.vertices[surface.faces] - centre, 1, 0)
-    volumes: NDArray[np.float64] = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+    volumes: Array = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
     return volumes
 
 

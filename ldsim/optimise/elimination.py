@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pymetis
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ldsim.arrays import Indices
 from ldsim.jit import njit
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,13 +10,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import kernel
 from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
 from ldsim.optimise.solution import Reason, Solution
-
-Array = NDArray[np.float64]
 
 
 @kernel()

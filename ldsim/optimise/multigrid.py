@@ -7,12 +7,10 @@ problems". Memory grows with the unknowns, not with a factor's fill.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pyamg.aggregation import smoothed_aggregation_solver
 from scipy.sparse import bsr_matrix
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from ldsim.arrays import Array, Indices
 
 # Relative residuals: what serves a Newton direction, and what serves a preconditioner.
 EXACT, LOOSE = 1e-4, 0.1

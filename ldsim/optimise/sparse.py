@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
 from scipy.linalg.lapack import dpotrf, dtrtri, spotrf, strtri
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
 from ldsim.jit import njit
 from ldsim.optimise.elimination import Elimination
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 # float32 or float64, by the precision of the factor.
 Numbers: TypeAlias = NDArray[Any]
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
@@ -26,8 +27,6 @@ from ldsim.optimise.solution import Reason
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Frames = Callable[[int, int], NDArray[np.floating]]
 
 TRIAL_FRAMES = 60

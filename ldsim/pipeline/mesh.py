@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import read_scene, write_scene
 from ldsim.errors import ArtefactError, SettingsError
 from ldsim.mechanics.dead_loads import load_force
@@ -24,7 +24,6 @@ from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.surface import IDENTITY, Tets, surface_identity, tets_of_surface
 from ldsim.run import Run
 
-Array = NDArray[np.float64]
 Numbers = Mapping[str, Array]
 
 

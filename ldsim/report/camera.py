@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.mechanics.scene import Scene
-
-Array = NDArray[np.float64]
 
 # Of the automatic view, degrees: off the broadside, to the side where the lamp lights it, and above the horizon.
 TURN = 25.0

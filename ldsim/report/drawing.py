@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from ldsim.arrays import Array
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
 from ldsim.report.svg import PALETTE
 
-Array = NDArray[np.float64]
 Triangles = NDArray[np.integer]
 Picture: TypeAlias = Image.Image
 

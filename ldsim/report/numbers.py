@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
+from ldsim.arrays import Array
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
@@ -39,8 +39,6 @@ from ldsim.report.schema import (
 )
 from ldsim.run import SPACES, Run
 from ldsim.space.novelty import remembered
-
-Array = NDArray[np.float64]
 
 MS_PER_S = 1000.0
 

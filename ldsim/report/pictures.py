@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.drawing import animation, png, side_by_side
@@ -15,9 +15,6 @@ from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import MM_PER_M, ROLE_NAMES
 from ldsim.report.wording import readable
 from ldsim.run import Run
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # The animation: how long, its frames, its pixels across, its triangles and bytes at most.
 ANIMATION_SECONDS = 2.0

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import coarsened, surface_triangles
 from ldsim.report.camera import first_look, upright
@@ -23,9 +24,6 @@ from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import readable
 from ldsim.run import Run
 from ldsim.web import inlined
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # What the page can bear: vertices drawn, and bytes of modes and of coordinates, which base64 makes a third larger.
 MAX_VERTICES = 6000

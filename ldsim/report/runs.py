@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.run import REDUCED, Run
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 def runs(run: Run, space: str) -> dict[str, Trajectory]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Indices
 from ldsim.optimise.solution import Reason
 from ldsim.report.runs import runs
 from ldsim.report.schema import MM_PER_M, RunNumbers
@@ -129,7 +129,7 @@ def _unconverged_steps(run: Run) -> list[str]:
     return [sentence for sentence in found if sentence]
 
 
-def _unconverged(what: str, motion: str, reason: NDArray[np.int64]) -> str:
+def _unconverged(what: str, motion: str, reason: Indices) -> str:
     failed = reason[reason != Reason.CONVERGED]
     if len(failed) == 0:
         return ""

@@ -6,14 +6,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Array
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.pins import MovedPins
 from ldsim.optimise.solution import Reason
-
-Array = NDArray[np.float64]
 
 
 class Outcome(Enum):

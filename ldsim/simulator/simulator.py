@@ -12,8 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.grabs import Grab, held_vertices, usual_grip
@@ -24,8 +25,6 @@ from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 # A step that leaves the solid this many diagonals (root mean square over its mass) from its rest shape is not taken.
 BOUND = 3.0
@@ -50,7 +49,7 @@ class Handle:
         return self._simulator.held[self._key]
 
     @property
-    def vertices(self) -> NDArray[np.int64]:
+    def vertices(self) -> Indices:
         """The vertices held, (g,) int64."""
         return self.grab.vertices
 
@@ -254,7 +253,7 @@ class Simulator:
         """u of every vertex, (n, 3) float64, metres."""
         return self._stepper.displacement(self._state).copy()
 
-    def centroid(self, vertices: NDArray[np.int64]) -> Array:
+    def centroid(self, vertices: Indices) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
         rest: Array = self.scene.mesh.vertices[vertices].mean(axis=0)
         if self.space.basis is None:

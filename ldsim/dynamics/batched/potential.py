@@ -13,15 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from ldsim.arrays import Array
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import Material, twins
 from ldsim.dynamics.reduced.stepper import MovingPins, reduced_mass
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 
 class BatchedLoads(NamedTuple):

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
 from ldsim.dynamics.reduced.state import ReducedState
@@ -20,8 +20,6 @@ from ldsim.mechanics.loads import Loads
 from ldsim.optimise.solution import Reason
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 # Numbers in the largest temporary, (9, n, r, c), above which a batch is taken in pieces: on a CPU what its caches hold.
 LARGEST_TEMPORARY = {"cpu": 1 << 19, "cuda": 1 << 26}
@@ -169,7 +167,7 @@ class BatchedStepper:
         q = torch.where(stayed, state.q.detach(), q)
         return BatchedState(z, state.z, q, state.q, loads.a, state.a), records[0]
 
-    def displacement(self, state: BatchedState, vertices: NDArray[np.int64]) -> Tensor:
+    def displacement(self, state: BatchedState, vertices: Indices) -> Tensor:
         """u = U q + L a of some vertices, (n, v, 3), metres; differentiable."""
         fields = self.tensor(self.space.fields[vertices])
         return torch.einsum("vik,nk->nvi", fields, torch.cat([state.q, state.a], dim=1))

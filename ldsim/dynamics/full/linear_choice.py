@@ -5,9 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Indices
 from ldsim.errors import SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern, vertex_graph
@@ -28,7 +26,7 @@ class LinearChoice:
         words: which it is and why, for the user.
     """
 
-    order: NDArray[np.int64]
+    order: Indices
     elimination: Elimination | None
     words: str
 

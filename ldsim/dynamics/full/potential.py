@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ldsim.arrays import Array
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class IncrementalPotential:

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import vertex_rotations
@@ -22,9 +22,6 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.multigrid import Multigrid
 from ldsim.optimise.sparse import Factor
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Without inertia, the clamped stiffness of a buckled state may be singular; this share of the rest stiffness is added.
 STATIC_SHIFT = 1e-9

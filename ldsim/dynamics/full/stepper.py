@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
@@ -27,8 +27,6 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Solution
-
-Array = NDArray[np.float64]
 
 WINDOW = 8
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.materials.tensors import Matrix, Symmetric
 
-Array = NDArray[np.float64]
 Compiled = Callable[..., Any]
 
 FILES = tuple(import_module(f"ldsim.mechanics.materials.{name}") for name in MATERIALS)

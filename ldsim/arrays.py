@@ -1,0 +1,9 @@
+"""The types of arrays that stand in most signatures; shape and unit are told where they are used."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
