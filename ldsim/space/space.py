@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
+from ldsim.space.compliance import Compliance
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY, Encoder, nearest_latent
 from ldsim.space.lifting import Lifting
@@ -38,6 +39,7 @@ class Space:
         rule: the quadrature points of a step, with their weights.
         lifting: pins that may move; None where all stand still.
         novelty: how far a latent state is from those trained on; None where that is not known.
+        compliance: what forces move beside the coordinates, in a condensed space; None elsewhere.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Space:
     rule: CubatureRule
     lifting: Lifting | None = None
     novelty: Novelty | None = None
+    compliance: Compliance | None = None
 
     def by_material(self) -> Space:
         """Itself with the rule's points sorted by material, so that a step chooses one once for a block of points."""

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.jit import njit
+from ldsim.mechanics.loads import Loads
 
+AT_REST = Loads()
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -30,10 +32,11 @@ class ReducedState:
         usable: whether H was made; otherwise the next step makes it.
         held: the vertices of the grabs that H includes.
         fresh_iterations: iterations of the step that made H; excess: iterations beyond those since.
+        loads: what acted in the step that led here.
         a, a_previous: where moved pins were in the last two frames, (l,) float64 (`space.lifting`); None at rest.
     """
 
-    __slots__ = ("a", "a_previous", "data", "excess", "fresh_iterations", "held", "k", "r", "usable")
+    __slots__ = ("a", "a_previous", "data", "excess", "fresh_iterations", "held", "k", "loads", "r", "usable")
 
     def __init__(
         self,
@@ -41,8 +44,9 @@ class ReducedState:
         dimensions: tuple[int, int],
         preconditioner: tuple[bool, tuple[Indices, ...], int, int] = (False, (), 0, 0),
         pins: tuple[Array | None, Array | None] = (None, None),
+        loads: Loads = AT_REST,
     ) -> None:
-        self.data = data
+        self.data, self.loads = data, loads
         self.r, self.k = dimensions
         self.usable, self.held, self.fresh_iterations, self.excess = preconditioner
         self.a, self.a_previous = pins
@@ -62,7 +66,7 @@ class ReducedState:
 
     def renewed(self) -> ReducedState:
         """The same, but the next step makes its preconditioner anew."""
-        state = ReducedState(self.data.copy(), (self.r, self.k), pins=(self.a, self.a_previous))
+        state = ReducedState(self.data.copy(), (self.r, self.k), pins=(self.a, self.a_previous), loads=self.loads)
         state.H[:] = np.eye(self.r)
         return state
 
@@ -70,6 +74,7 @@ class ReducedState:
         """The same shape without velocity and with nothing kept from earlier steps."""
         state = ReducedState.moving(self.z, self.z, self.q, self.q)
         state.a = state.a_previous = self.a
+        state.loads = self.loads
         return state
 
     @property

@@ -24,6 +24,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.basis import Basis
+from ldsim.space.compliance import Compliance
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
@@ -90,6 +91,7 @@ class ReducedStepper:
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
         self._pins = MovingPins.of(space) if space.lifting is not None and space.lifting.count else None
+        self._sags = None if space.compliance is None else _sags(space.compliance)
         self._dimensions = (space.decoder.r, space.decoder.k)
         method = Method[options.method.upper()]
         self._renewal_cost = RENEWAL_COST[method]
@@ -137,6 +139,8 @@ class ReducedStepper:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")
         bench = self._bench()
         bench.grab(loads.grabs)
+        if self._sags is not None:
+            bench.sink(loads.grabs, self._sag(loads.gravity))
         force = self._base_force(loads.gravity, bench)
         pins: tuple[Array | None, Array | None] = (None, None)
         if self._pins is not None:
@@ -156,12 +160,43 @@ class ReducedStepper:
         else:
             fresh = state.fresh_iterations
             kept = (True, held, fresh, state.excess + max(iterations - fresh, 0))
-        return ReducedState(data, self._dimensions, kept, pins), solution
+        return ReducedState(data, self._dimensions, kept, pins, loads), solution
 
     def displacement(self, state: ReducedState) -> Array:
         """u = U q + L a, (n, 3) float64, metres."""
         u = self.space.displacement(state.q)
+        if self.space.compliance is not None:
+            u += self._residual(state)
         return u if self._pins is None or state.a is None else u + self._pins.fields @ state.a
+
+    def forces(self, state: ReducedState) -> Array:
+        """What the grabs of the last step pull with, (g, 3) float64, N."""
+        grabs = state.loads.grabs
+        bench = self._bench()
+        bench.grab(grabs)
+        if self._sags is not None:
+            bench.sink(grabs, self._sag(state.loads.gravity))
+        factor, springs = bench.factor, bench.springs
+        stretch = springs.target - springs.centre - springs.B @ state.q
+        if factor is None:
+            pulled: Array = springs.stiffness[:, None] * stretch
+            return pulled
+        return (factor @ stretch.ravel()).reshape(-1, 3)
+
+    def _residual(self, state: ReducedState) -> Array:
+        """What gravity and grabs move beside the coordinates, (n, 3) metres."""
+        compliance, gravity = self.space.compliance, state.loads.gravity
+        assert compliance is not None
+        u = self._sag(gravity).copy()
+        for grab, force in zip(state.loads.grabs, self.forces(state), strict=True):
+            u += compliance.of_grab(grab.vertices) @ force
+        return u
+
+    def _sag(self, gravity: Array | None) -> Array:
+        """What gravity and dead loads move beside the coordinates, (n, 3) metres."""
+        assert self._sags is not None
+        constant, along = self._sags
+        return constant + along @ (self.scene.gravity if gravity is None else gravity)
 
     def coordinates(self, state: ReducedState) -> Array:
         """q and beside it where the pins are, a: (k + l,) float64, the coordinates of `Space.fields`."""
@@ -219,6 +254,7 @@ class _Bench:
         self.work = make_work(space.decoder, len(model.weights))
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
+        self.factor: Array | None = None
         self.springs = self._springs(())
         self.reference = self._reference()
 
@@ -232,6 +268,16 @@ class _Bench:
         for i, grab in enumerate(grabs):
             target[i] = grab.target
             stiffness[i] = grab.stiffness
+        if self.factor is not None and held:
+            target[:] = (self.factor.T @ target.ravel()).reshape(-1, 3)
+            stiffness[:] = 1.0
+
+    def sink(self, grabs: Sequence[Grab], u: Array) -> None:
+        """Take the grabbed centroids to where a displacement, (n, 3) metres, has them."""
+        rest = self._space.scene.mesh.vertices
+        centre = np.array([(rest[grab.vertices] + u[grab.vertices]).mean(axis=0) for grab in grabs])
+        if self.factor is not None and len(centre):
+            self.springs.centre[:] = (self.factor.T @ centre.ravel()).reshape(-1, 3)
 
     def _springs(self, grabs: Sequence[Grab]) -> Springs:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
@@ -239,6 +285,11 @@ class _Bench:
         for i, grab in enumerate(grabs):
             springs.B[i] = U[grab.vertices].mean(axis=0)
             springs.centre[i] = rest[grab.vertices].mean(axis=0)
+        compliance, self.factor = self._space.compliance, None
+        if compliance is not None and grabs:
+            # E = ½ pᵀ Q p of all grabs together is ½ ‖Lᵀ p‖², Q = L Lᵀ: springs of unit stiffness that the kernel knows
+            self.factor = np.linalg.cholesky(compliance.stiffness(grabs))
+            springs.B[:] = (self.factor.T @ springs.B.reshape(3 * count, -1)).reshape(springs.B.shape)
         return springs
 
     def _reference(self) -> StepReference:
@@ -288,6 +339,14 @@ class MovingPins(NamedTuple):
             bench.springs.centre[i] = centre + self.fields[grab.vertices].mean(axis=0) @ a
 
 
+def _sags(compliance: Compliance) -> tuple[Array, Array]:
+    """What the dead load moves beside the coordinates, (n, 3), and what a unit of gravity by axis, (n, 3, 3)."""
+    scene = compliance.scene
+    constant = compliance.of(scene.force(np.zeros(3)))
+    weights = [scene.force(unit) - scene.force(np.zeros(3)) for unit in np.eye(3)]
+    return constant, np.stack([compliance.of(weight) for weight in weights], axis=2)
+
+
 def _same(left: Sequence[Indices], right: Sequence[Indices]) -> bool:
     """Whether both hold the same arrays, which a drag keeps from frame to frame."""
     if left is right:
@@ -304,4 +363,4 @@ def _diagonal(matrix: Array) -> Array:
     """The diagonal (1, k) of a matrix with nothing else but rounding, or the matrix."""
     diagonal = np.diagonal(matrix)
     rest = np.abs(matrix - np.diag(diagonal)).max()
-    return np.ascontiguousarray(diagonal[None]) if rest <= 1e-13 * diagonal.min() else matrix
+    return np.ascontiguousarray(diagonal[None]) if rest <= 1e-13 * diagonal[diagonal > 0].min() else matrix

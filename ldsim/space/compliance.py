@@ -1,0 +1,60 @@
+"""Residual compliance: what a force moves that the coordinates of a condensed space do not (MacNeal 1971).
+
+To first order a solid whose r coordinates z are held moves by C f under a force f, C = K⁻¹ − T W K⁻¹ at rest. A spring
+that pulls at the centroid of some vertices therefore acts in series with C, and what is drawn gains the field of C,
+which is local: a dimple where the solid is touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.scene import Scene
+from ldsim.space.basis import Basis
+from ldsim.space.relaxation import Relaxation
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class Compliance:
+    """C of a scene and the coordinates V of a condensed space.
+
+    Its factor is made when it is first needed.
+    """
+
+    def __init__(self, scene: Scene, coordinates: Basis) -> None:
+        self.scene, self._coordinates = scene, coordinates
+        self._relaxation: Relaxation | None = None
+        self._known: dict[bytes, Array] = {}
+
+    def of(self, force: Array) -> Array:
+        """C f, (n, 3) metres, of a force (n, 3), N."""
+        if self._relaxation is None:
+            self._relaxation = Relaxation(self.scene, self._coordinates)
+        return self._relaxation.residual(force)
+
+    def of_grab(self, vertices: Indices) -> Array:
+        """What a unit force on the centroid of some vertices moves, by axis of the force, (n, 3, 3), m/N."""
+        key = vertices.tobytes()
+        if key not in self._known:
+            n = self.scene.mesh.n_vertices
+            force = np.zeros((3, n, 3))
+            for axis in range(3):
+                force[axis, vertices, axis] = 1 / len(vertices)
+            self._known[key] = np.stack([self.of(f) for f in force], axis=2)
+        return self._known[key]
+
+    def stiffness(self, grabs: Sequence[Grab]) -> Array:
+        """(diag(1/k) + B C Bᵀ)⁻¹ of some grabs together, (3g, 3g), N/m."""
+        flexible = np.diag(np.repeat([1 / grab.stiffness for grab in grabs], 3))
+        for j, other in enumerate(grabs):
+            fields = self.of_grab(other.vertices)
+            for i, grab in enumerate(grabs):
+                flexible[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += fields[grab.vertices].mean(axis=0)
+        stiffness: Array = np.linalg.inv(0.5 * (flexible + flexible.T))
+        return stiffness

@@ -1,0 +1,282 @@
+"""Relaxation: given r coordinates z, all the rest of a solid in static equilibrium (static condensation, nonlinear).
+
+    u₀(z) = argmin { V(u) : W u = z },  W = VᵀM,  V mass-orthonormal, with the elastic energy V(u)
+
+    V_eff(z) = V(u₀(z)),   ∇V_eff = λ,   ∇²V_eff = S = (W K⁻¹ Wᵀ)⁻¹,   ∂u₀/∂z = T = K⁻¹ Wᵀ S,   K = ∂²V/∂u² at u₀(z)
+
+λ is the multiplier of the constraint: at u₀ the elastic force is Wᵀλ. At rest these are static condensation (Guyan
+1965) and residual flexibility (MacNeal 1971); away from it, implicit condensation (Touzé, Vizzaccaro and Thomas 2021,
+arXiv 2107.05077). No load is in V(u): what acts on the solid acts on u₀(z) when it is stepped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from ldsim.errors import SolverError
+from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern, vertex_graph
+from ldsim.optimise.elimination import eliminate, elimination_order
+from ldsim.optimise.minimiser import minimise
+from ldsim.optimise.solution import Reason, Solution
+from ldsim.optimise.sparse import Factor
+from ldsim.space.basis import Basis, weighted
+
+Array = NDArray[np.float64]
+
+# The force that no constraint carries may be this share of the forces of a typical strain.
+TOLERANCE = 1e-7
+MAX_ITERATIONS = 60
+# Iterations of L-BFGS that one factor of K serves for before it is made anew.
+RENEWAL = 15
+# Relative residual of the tangents where K is indefinite.
+ACCURACY = 1e-8
+# A path to a far z is cut in halves so often.
+HALVINGS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """A pose in which everything but z is in equilibrium.
+
+    Attributes:
+        z: (r,) float64.
+        u: u₀(z), (n, 3) float64, metres.
+        energy: V_eff(z), J.
+        force: λ = ∇V_eff, (r,) float64.
+        stiffness: S = ∇²V_eff, (r, r) float64, symmetric; indefinite where the solid has buckled.
+        tangents: T = ∂u₀/∂z, (n, 3, r) float64.
+        solution: how the equilibrium was found.
+    """
+
+    z: Array
+    u: Array
+    energy: float
+    force: Array
+    stiffness: Array
+    tangents: Array
+    solution: Solution
+
+    @property
+    def stable(self) -> bool:
+        """Whether S is positive definite."""
+        return bool(np.linalg.eigvalsh(self.stiffness)[0] > 0)
+
+
+class Relaxation:
+    """Finds u₀(z) and its derivatives for the coordinates of some columns V.
+
+    Args:
+        coordinates: V, columns orthonormal in the scene's mass and zero where it is pinned; z = VᵀM u.
+
+    Raises:
+        SolverError: V is not of this scene or not orthonormal in its mass, or the solid is not held by its pins.
+    """
+
+    def __init__(self, scene: Scene, coordinates: Basis) -> None:
+        if not scene.pinned.any():
+            raise SolverError("a condensed space needs pins: a solid that floats has no equilibrium; set mesh.pins")
+        self.scene, self.coordinates = scene, coordinates
+        V = np.where(scene.pinned[:, None, None], 0.0, coordinates.fields).reshape(-1, coordinates.k)
+        self._V = V
+        self.rows = np.ascontiguousarray(weighted(scene.mass, np.ascontiguousarray(V.T)))  # (r, 3n)
+        self.rows.reshape(len(self.rows), -1, 3)[:, scene.pinned] = 0.0
+        gram = self.rows @ V
+        if not np.allclose(gram, np.eye(len(gram)), atol=1e-6):
+            raise SolverError("the coordinates of a condensed space must be orthonormal in the mass and zero at pins")
+        nodes, n, free = scene.points.nodes, scene.mesh.n_vertices, scene.free
+        order = free[elimination_order(vertex_graph(nodes, free, n))]
+        self._pattern = StiffnessPattern(nodes, order, n)
+        self._elimination = eliminate(self._pattern.indptr, self._pattern.columns)
+        zero = np.zeros((n, 3))
+        self._size = float(np.abs(self._pattern.stiffness_blocks(scene.elements, zero, clamp=False)).max())
+        self._at_rest = _Constrained(self, zero, exact=True)
+        self.rest = self._derived(zero, Solution(0.0, 0.0, 0, 0, Reason.CONVERGED))
+
+    @property
+    def r(self) -> int:
+        return self.coordinates.k
+
+    def encode(self, u: NDArray[np.floating]) -> Array:
+        """z = W u of displacements (b, n, 3), metres; (b, r)."""
+        z: Array = u.reshape(len(u), -1) @ self.rows.T
+        return z
+
+    def __call__(self, z: Array, start: Relaxed | None = None) -> Relaxed:
+        """The relaxed pose at z, (r,), found by following the solid from another relaxed pose, or from rest.
+
+        Raises:
+            SolverError: no equilibrium was found on the way.
+        """
+        return self._follow(z, self.rest if start is None else start, HALVINGS)
+
+    def from_pose(self, u: NDArray[np.floating]) -> Relaxed:
+        """The relaxed pose with the coordinates of a displacement, (n, 3) metres, found from that.
+
+        Raises:
+            SolverError: no equilibrium was found.
+        """
+        start = np.where(self.scene.pinned[:, None], 0.0, u)
+        return self._derived(*self._settle(start, start))
+
+    def residual(self, force: Array) -> Array:
+        """C f, what a force (n, 3), N, moves while z is held, to first order at rest, (n, 3) metres."""
+        return self._at_rest.solve(np.where(self.scene.pinned[:, None], 0.0, force).ravel()).reshape(-1, 3)
+
+    def _follow(self, z: Array, start: Relaxed, halvings: int) -> Relaxed:
+        guess = start.u + start.tangents @ (z - start.z)
+        try:
+            return self._derived(*self._settle(guess, start.u))
+        except SolverError:
+            if halvings == 0:
+                raise
+        middle = self._follow(0.5 * (z + start.z), start, halvings - 1)
+        return self._follow(z, middle, halvings - 1)
+
+    def _settle(self, guess: Array, near: Array) -> tuple[Array, Solution]:
+        """Minimise V(u) over W u = W guess, from the guess, with K of a pose near by.
+
+        L-BFGS with the constrained inverse of K for a preconditioner; gradients and directions stay in the kernel of W.
+        """
+        scene, x = self.scene, guess.ravel().copy()
+        inverse = _Constrained(self, near, exact=False)
+
+        def objective(u: Array, gradient: Array) -> float:
+            force = np.zeros((scene.mesh.n_vertices, 3))
+            value = add_elastic_gradient(scene.elements, u.reshape(-1, 3), force)
+            force[scene.pinned] = 0.0
+            gradient[:] = self.without_multiplier(force.ravel())
+            return float(value)
+
+        def refresh(u: Array, iteration: int) -> bool:
+            if iteration == 0 or iteration % RENEWAL:
+                return False
+            inverse.at(u.reshape(-1, 3))
+            return True
+
+        # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
+        tolerance = TOLERANCE * self._size * scene.mesh.diagonal
+        norm = max(float(np.linalg.norm(x)), 1.0)
+        solution = minimise(objective, x, inverse.solve, tolerance / norm, 8, MAX_ITERATIONS, refresh)
+        if not solution.converged and solution.gradient_norm > 1e2 * tolerance:
+            raise SolverError(
+                f"no equilibrium was found for a condensed pose ({solution.reason.words}, {solution.gradient_norm:.3g} "
+                "N are left); use smaller motions, or a material that stays finite (stable_neo_hookean)"
+            )
+        return x.reshape(-1, 3), solution
+
+    def without_multiplier(self, force: Array) -> Array:
+        """The part of a force that the constraint does not carry: (1 − WᵀVᵀ) f."""
+        return force - (self._V.T @ force) @ self.rows
+
+    def _derived(self, u: Array, solution: Solution) -> Relaxed:
+        """λ, S and T at an equilibrium."""
+        force = np.zeros_like(u)
+        energy = float(add_elastic_gradient(self.scene.elements, u, force))
+        force[self.scene.pinned] = 0.0
+        inverse = _Constrained(self, u, exact=True)
+        z, multiplier = self.rows @ u.ravel(), self._V.T @ force.ravel()
+        tangents = inverse.tangents.T.reshape(*u.shape, -1)
+        return Relaxed(z, u, energy, multiplier, inverse.stiffness, tangents, solution)
+
+    def factor(self, u: Array, clamp: bool) -> Factor:
+        """Of K(u) over the free vertices.
+
+        Raises:
+            SolverError: it is not positive definite.
+        """
+        blocks = self._pattern.stiffness_blocks(self.scene.elements, u, clamp=clamp)
+        return Factor(self._elimination, self._pattern.indptr, self._pattern.columns, blocks)
+
+    def stiffness(self, u: Array) -> csr_array:
+        """K(u) with zero rows and columns at the pins, (3n, 3n)."""
+        blocks = self._pattern.stiffness_blocks(self.scene.elements, u, clamp=False)
+        free = self._pattern.matrix(blocks).tocoo()
+        unknown = (3 * self._pattern.order[:, None] + np.arange(3)).ravel()
+        size = 3 * self.scene.mesh.n_vertices
+        return coo_array((free.data, (unknown[free.row], unknown[free.col])), shape=(size, size)).tocsr()
+
+    def solve(self, factor: Factor, right: Array) -> Array:
+        """K⁻¹ of rows (b, 3n); zero at the pins."""
+        order, n = self._pattern.order, self.scene.mesh.n_vertices
+        x = np.zeros((len(right), n, 3))
+        for i, row in enumerate(right.reshape(len(right), n, 3)):
+            x[i, order] = factor.solve(row[order].ravel()).reshape(-1, 3)
+        return x.reshape(len(right), 3 * n)
+
+
+class _Constrained:
+    """K at a pose under the constraint: its inverse among displacements with W u = 0, S and T.
+
+    K itself may be indefinite where the constraint alone holds the solid. A factor of the clamped K then serves as the
+    preconditioner of conjugate gradients in the kernel of W, where K is positive at any minimum.
+
+    Args:
+        exact: whether S and T are those of K, and not of the factor.
+
+    Raises:
+        SolverError: K is indefinite in the kernel of W: the pose is no minimum.
+    """
+
+    def __init__(self, relaxation: Relaxation, u: Array, exact: bool) -> None:
+        self._relaxation = relaxation
+        self.at(u, exact)
+
+    def at(self, u: Array, exact: bool = False) -> None:
+        """Make it anew at another displacement, (n, 3) metres."""
+        relaxation = self._relaxation
+        definite = exact
+        if exact:
+            try:
+                self._factor = relaxation.factor(u, clamp=False)
+            except SolverError:
+                definite = False
+        if not definite:
+            self._factor = relaxation.factor(u, clamp=True)
+        W = relaxation.rows
+        Y = relaxation.solve(self._factor, W)
+        compliance = Y @ W.T
+        self.stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
+        self.tangents = self.stiffness @ Y  # (r, 3n)
+        if exact and not definite:
+            self._correct(relaxation.stiffness(u))
+
+    def _correct(self, K: csr_array) -> None:
+        """T and S of K from those of the clamped one: T += x, W x = 0, with K T in the range of Wᵀ."""
+        T = self.tangents
+        x = np.array([self._conjugate_gradients(K, -(K @ row)) for row in T])
+        exact = T + x
+        stiffness = exact @ (K @ exact.T)
+        self.tangents, self.stiffness = exact, 0.5 * (stiffness + stiffness.T)
+
+    def _conjugate_gradients(self, K: csr_array, right: Array) -> Array:
+        """x with W x = 0 and K x = right up to what the constraint carries, (3n,)."""
+        relaxation = self._relaxation
+        x, residual = np.zeros_like(right), relaxation.without_multiplier(right)
+        target = ACCURACY * float(np.linalg.norm(residual))
+        direction, before = np.zeros_like(right), 1.0
+        for iteration in range(MAX_ITERATIONS):
+            if float(np.linalg.norm(residual)) <= target:
+                break
+            step = self.solve(residual)
+            now = float(residual @ step)
+            direction = step + (now / before if iteration else 0.0) * direction
+            image = K @ direction
+            curvature = float(direction @ image)
+            if curvature <= 0:
+                raise SolverError("a condensed pose has buckled: what its coordinates leave free is in no stable rest")
+            x += now / curvature * direction
+            residual = residual - now / curvature * relaxation.without_multiplier(image)
+            before = now
+        return x
+
+    def solve(self, right: Array) -> Array:
+        """The displacement with W u = 0 that a force causes, by the factor, (3n,)."""
+        relaxation = self._relaxation
+        x = relaxation.solve(self._factor, right[None])[0]
+        return x - (relaxation.rows @ x) @ self.tangents
