@@ -20,6 +20,7 @@ from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash, read_header, reading
 from ldsim.cubature.path import RulePath
+from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
@@ -219,8 +220,7 @@ class Run:
         if name == "linear":
             space = Space.linear(solid, basis, model.kp, rule)
         else:
-            space = Space.latent(solid, basis, (model.decoder, model.encoder), rule)
-            space = replace(space, novelty=model.novelty)
+            space = replace(latent_space(solid, basis, model), rule=rule, novelty=model.novelty)
         return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
 
     def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:
@@ -244,6 +244,14 @@ class Run:
                 del self._read[kind]
                 raise
         return self._read[kind][0]
+
+
+def latent_space(scene: Scene, basis: Basis, model: StoredModel) -> Space:
+    """The space of a model, with every quadrature point."""
+    networks = (model.decoder, model.encoder)
+    if model.columns is None:
+        return Space.latent(scene, basis, networks)
+    return Space.condensed(scene, Basis.of(model.columns, basis.metric), networks, CubatureRule.every(scene))
 
 
 class Stage:

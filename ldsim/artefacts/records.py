@@ -117,6 +117,8 @@ class StoredModel:
         search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
         novelty: how far a code is from the training codes.
         synthetic: coordinates of the frames of synthetic motions that were learned from too, (f, k) float32, or None.
+        columns: the basis of a condensed space, (3n, k): V, the features of V_eff as zeros, and the slaved part.
+        potential: the virtual points of V_eff, of a condensed space.
     """
 
     decoder: Decoder
@@ -129,6 +131,13 @@ class StoredModel:
     search_own: NDArray[np.bool_] | None = None
     novelty: Novelty | None = None
     synthetic: NDArray[np.float32] | None = None
+    columns: Array | None = None
+    potential: CubatureRule | None = None
+
+    @property
+    def condensed(self) -> bool:
+        """Whether it is of a condensed space."""
+        return self.columns is not None
 
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
@@ -142,6 +151,11 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
     }
     if model.decoder.skip is not None:
         datasets["skip"] = model.decoder.skip
+    if model.columns is not None and model.potential is not None:
+        rule = model.potential
+        datasets |= {"columns": model.columns, "potential/points": rule.points, "potential/weights": rule.weights}
+        datasets |= {"potential/maps": np.asarray(rule.maps), "potential/material": int(rule.material or 0)}
+        datasets["potential/errors"] = np.array([rule.training_error, rule.heldout_error])
     if model.search_own is not None:
         datasets["search_own"] = model.search_own
     if model.synthetic is not None:
@@ -174,12 +188,20 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             file["search_own"][:] if "search_own" in file else None,
             _novelty(file["novelty"]) if "novelty" in file else None,
             file["synthetic"][:] if "synthetic" in file else None,
+            file["columns"][:] if "columns" in file else None,
+            _potential(file["potential"]) if "potential" in file else None,
         )
         return model, header
 
 
 def _novelty(group: h5py.Group) -> Novelty:
     return Novelty(group["landmarks"][:], float(group["reach"][()]), float(group["threshold"][()]))
+
+
+def _potential(group: h5py.Group) -> CubatureRule:
+    training, heldout = (float(error) for error in group["errors"][:])
+    points, weights, maps = (group[name][:] for name in ("points", "weights", "maps"))
+    return CubatureRule(points, weights, training, maps, heldout, material=int(group["material"][()]))
 
 
 def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:
@@ -207,6 +229,8 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, RulePath]) -> N
             stored |= {"virtual_points": rule.points, "virtual_weights": rule.weights, "virtual_maps": rule.maps}
             stored |= {"virtual_errors": errors, "virtual_closure": found.virtual.closure}
             stored |= {"virtual_judged": found.virtual.judged}
+            if rule.material is not None:
+                stored["virtual_material"] = rule.material
         datasets |= {f"{space}/{name}": values for name, values in stored.items()}
     write(path, header, datasets)
 
@@ -242,5 +266,6 @@ def _virtual(group: h5py.Group) -> VirtualFit | None:
         return None
     training, heldout, perturbed = (float(error) for error in group["virtual_errors"][:])
     points, weights, maps = (group[f"virtual_{name}"][:] for name in ("points", "weights", "maps"))
-    rule = CubatureRule(points, weights, training, maps, heldout, perturbed)
+    material = int(group["virtual_material"][()]) if "virtual_material" in group else None
+    rule = CubatureRule(points, weights, training, maps, heldout, perturbed, material)
     return VirtualFit(rule, float(group["virtual_closure"][()]), group["virtual_judged"][:])

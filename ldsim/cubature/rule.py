@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
+from ldsim.mechanics.elastic import Elements, elements_at
 from ldsim.mechanics.scene import Scene
 
 
@@ -27,6 +28,7 @@ class CubatureRule:
         training_error: ‖Σ w b − target‖ / ‖target‖ over the normalised poses of the fit.
         maps: ∂F/∂q of virtual points, (c, 9, k) float64, 1/m; None for points of the mesh. A virtual point has the
             material of its point of the mesh, but a deformation gradient of its own (`virtual`).
+        material: number of the material that all virtual points have; None for that of their points of the mesh.
         heldout_error, perturbed_error: the same on poses kept back from the fit, and on perturbed states of these; NaN
             where it was not measured.
 
@@ -41,6 +43,7 @@ class CubatureRule:
     maps: Array | None = None
     heldout_error: float = math.nan
     perturbed_error: float = math.nan
+    material: int | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 1 or self.points.shape != self.weights.shape:
@@ -67,7 +70,7 @@ class CubatureRule:
     def sorted_by(self, kind: NDArray[np.int8]) -> CubatureRule:
         """The same rule with its points in the order of their materials, kind (s,), as a step wants them."""
         order = np.argsort(kind[self.points], kind="stable")
-        if (order == np.arange(len(order))).all():
+        if self.material is not None or (order == np.arange(len(order))).all():
             return self
         maps = None if self.maps is None else self.maps[order]
         return replace(self, points=self.points[order], weights=np.asarray(self.weights)[order], maps=maps)
@@ -80,9 +83,14 @@ class CubatureRule:
         """
         if self.maps is None:
             return strain_maps(scene, U, self.points)
-        if self.maps.shape[2] > U.shape[1]:
+        if self.maps.shape[2] != U.shape[1]:
             raise SolverError(f"cubature has strain maps of {self.maps.shape[2]} columns; the basis has {U.shape[1]}")
         return np.ascontiguousarray(self.maps, dtype=np.float64)
+
+    def elements(self, scene: Scene) -> Elements:
+        """The points with their material, as the kernels read them; their weights are the scene's."""
+        found = elements_at(scene.elements, self.points)
+        return found if self.material is None else found._replace(kind=np.full_like(found.kind, self.material))
 
 
 def strain_maps(scene: Scene, U: Array, points: Indices) -> Array:

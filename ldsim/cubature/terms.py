@@ -19,7 +19,7 @@ from ldsim.arrays import Array, Indices
 from ldsim.cubature.kernels import add_point_energies, add_point_powers
 from ldsim.cubature.samples import PoseSpace, Samples, Tangents, blocks, pose_scales
 from ldsim.jit import in_threads
-from ldsim.mechanics.elastic import Elements, elastic_energy, point_stresses
+from ldsim.mechanics.elastic import Elements, elastic_energy, elements_at, point_stresses
 
 POINTS_AT_ONCE = 64
 # Bytes for keeping stresses in float32; poses that do not fit are computed anew in every pass.
@@ -77,11 +77,6 @@ class LocalPoints:
         """U q at the vertices for a batch q, (T, k) → (T, v, 3)."""
         fields: Array = (q @ self.nodal.reshape(-1, self.nodal.shape[2]).T).reshape(len(q), -1, 3)
         return fields
-
-
-def elements_at(elements: Elements, points: Indices) -> Elements:
-    """Some of the quadrature points, (c,), as the kernels read them."""
-    return Elements._make(values[points] for values in elements)
 
 
 class ForceTerm:

@@ -27,7 +27,6 @@ from ldsim.cubature.options import VirtualOptions
 from ldsim.cubature.path import Tell
 from ldsim.cubature.rule import CubatureRule, strain_maps
 from ldsim.cubature.samples import PoseSpace, Samples, Tangents
-from ldsim.cubature.terms import elements_at
 from ldsim.errors import SolverError
 
 # Adam: decays of both moments, the usual ones. A gradient longer than LONGEST is shortened to it.
@@ -144,7 +143,7 @@ class MovablePoints:
     """Points with the maps and weights of the moment; reduced forces of states and their gradient."""
 
     def __init__(self, space: PoseSpace, rule: CubatureRule) -> None:
-        self.elements = elements_at(space.scene.elements, rule.points)
+        self.elements = rule.elements(space.scene)
         self.maps, self.weights = rule.strain_maps(space.scene, space.basis), rule.weights
 
     def residuals(self, targets: Targets, states: slice | Indices) -> tuple[Array, Array, Array, int]:

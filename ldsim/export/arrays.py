@@ -46,7 +46,7 @@ def model_arrays(run: Run) -> Arrays:
 def space_arrays(space: Space) -> Arrays:
     """One space: the decoder's layers, the cubature's strain maps and materials, M̃, K̃₀ and the unit loads."""
     scene, basis, rule = space.scene, space.reduced_basis, space.rule
-    layers, points, elements = space.decoder.layers, rule.points, scene.elements
+    layers, elements = space.decoder.layers, rule.elements(scene)
     return {
         "sizes": layers.sizes.astype(np.int32),
         "weights": layers.weights,
@@ -56,9 +56,9 @@ def space_arrays(space: Space) -> Arrays:
         "activation": np.array([layers.activation], dtype=np.int32),
         "strain_maps": rule.strain_maps(scene, basis.matrix),
         "cubature_weights": np.ascontiguousarray(rule.weights),
-        "material": elements.kind[points].astype(np.int32),
-        "mu": elements.mu[points],
-        "lam": elements.lam[points],
+        "material": elements.kind.astype(np.int32),
+        "mu": elements.mu,
+        "lam": elements.lam,
         "mass": reduced_mass(scene, basis),
         "rest_stiffness": reduced_rest_stiffness(scene, basis),
         "unit_loads": unit_loads(scene, basis),

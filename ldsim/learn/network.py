@@ -37,8 +37,8 @@ class Autoencoder(torch.nn.Module):
         self.r = r
         self.activation = options.activation
         codes = 2 * r if options.variational else r
-        self.encoder = _perceptron([k, *reversed(options.hidden), codes], options.activation)
-        self.decoder = _perceptron([r, *options.hidden, k], options.activation)
+        self.encoder = perceptron([k, *reversed(options.hidden), codes], options.activation)
+        self.decoder = perceptron([r, *options.hidden, k], options.activation)
         self.skip = torch.nn.Linear(r, k, bias=False) if options.skip else None
         if self.skip is not None:
             torch.nn.init.eye_(self.skip.weight)
@@ -75,7 +75,7 @@ class Autoencoder(torch.nn.Module):
         return torch.as_tensor(summed).transpose(0, 1)
 
 
-def _perceptron(sizes: list[int], activation: str) -> torch.nn.Sequential:
+def perceptron(sizes: list[int], activation: str) -> torch.nn.Sequential:
     modules: list[torch.nn.Module] = []
     for i in range(len(sizes) - 1):
         modules.append(torch.nn.Linear(sizes[i], sizes[i + 1]))

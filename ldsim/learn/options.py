@@ -29,8 +29,25 @@ class Denoising(Options):
     noise: Annotated[float, Field(gt=0, le=1, description="Standard deviation, as a share of a coordinate's r.m.s.")]
 
 
+class CondensedOptions(Options):
+    """A condensed latent space: what is relaxed, and what is fitted to it."""
+
+    poses: Annotated[int, Field(ge=1, description="Training poses that are relaxed.")] = 300
+    shell: Annotated[int, Field(ge=0, description="Perturbed poses around each that are relaxed too.")] = 2
+    points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
+    features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
+    columns: Annotated[int, Field(ge=1, description="Most columns of the basis of what is slaved to z.")] = 40
+    steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 4000
+
+
 class TrainOptions(Options):
-    """Training of the autoencoder in PCA coordinates (paper, Sec. 4)."""
+    """Training of the latent space: an autoencoder in PCA coordinates (paper, Sec. 4), or a condensed space."""
+
+    kind: Annotated[
+        Literal["autoencoder", "condensed"],
+        Field(description="condensed: all but r coordinates in static equilibrium (docs/guide/theory.md)."),
+    ] = "autoencoder"
+    condensed: Annotated[CondensedOptions, Field(description="Of a condensed space.")] = CondensedOptions()
 
     r: Annotated[
         int | None, Field(ge=1, description="Latent dimension; left out, the smallest that meets the tolerance.")

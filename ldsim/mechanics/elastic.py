@@ -32,6 +32,11 @@ class Elements(NamedTuple):
     lam: Array
 
 
+def elements_at(elements: Elements, points: NDArray[np.int64]) -> Elements:
+    """Some of the quadrature points, (c,), as the kernels read them."""
+    return Elements._make(values[points] for values in elements)
+
+
 @njit(cache=True, inline="always")
 def deformation_gradient(nodes: NDArray[np.int32], gradients: Array, s: int, u: Array) -> Matrix:
     """F_s = I + Σ_a u_a ⊗ ∇N_a at point s; u is (n, 3)."""

@@ -18,7 +18,7 @@ from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.jit import one_thread
 from ldsim.pipeline.comparison import Reference, windowed_error
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.run import Run
+from ldsim.run import Run, latent_space
 from ldsim.space.lifting import Lifting
 from ldsim.space.projection import all_coordinates
 from ldsim.space.space import Space
@@ -94,8 +94,9 @@ class TrainingPoses:
     def latent(self) -> PoseSpace:
         """In the latent space."""
         run = self._run
-        networks = run.model.decoder, run.model.encoder
-        return self._space(Space.latent(run.scene, run.basis, networks), run.model.encoder(self.q))
+        model, space = run.model, latent_space(run.scene, run.basis, run.model)
+        z = self.q[:, : space.r] if space.is_condensed else model.encoder(self.q)
+        return self._space(space, z)
 
     def linear(self, k: int) -> PoseSpace:
         """In the linear space of the first k columns."""
@@ -103,7 +104,9 @@ class TrainingPoses:
 
     def _space(self, space: Space, z: Array) -> PoseSpace:
         k, lifted = space.decoder.k, space.with_lifting(self._lifting)
-        stiffness = self._stiffness[:k, :k]
+        # a condensed space has a basis of its own
+        stiffness = reduced_rest_stiffness(space.scene, space.reduced_basis) if space.is_condensed else self._stiffness
+        stiffness = stiffness[:k, :k]
         return PoseSpace(lifted, stiffness, z, self._displacement, self._given, self._threads)
 
     def _displacement(self, t: int) -> NDArray[np.floating]:
@@ -121,6 +124,8 @@ def _virtual(
 ) -> VirtualFit | None:
     """The virtual points of a space, where some are asked for and worth having."""
     asked, name = options.virtual, space.space.name
+    if space.space.is_condensed:
+        return _potential(run, space.space, path)
     if not asked.points:
         return None
     title, total = f"cubature {name}, virtual", asked.steps * len(asked.closures)
@@ -140,6 +145,15 @@ def _virtual(
         f"{len(path.best.points)} points of the mesh by {found.judged[0, 1]:.3g}"
     )
     return None
+
+
+def _potential(run: Run, space: Space, path: RulePath) -> VirtualFit | None:
+    """The points of V_eff(z), which the training has fitted, judged beside points of the mesh at decoded poses."""
+    rule, judge = run.model.potential, _judge(run, space)
+    assert rule is not None and judge is not None
+    errors = [judge(path.best), judge(rule)]
+    found = VirtualFit(rule, 1.0, np.array([[np.nan, errors[0]], [1.0, errors[1]]]))
+    return None if found.worse_than_mesh else found
 
 
 def _judge(run: Run, space: Space) -> Judge | None:

@@ -21,8 +21,9 @@ from ldsim.learn.training import Trained, train_ordered
 from ldsim.learn.training import train as train_alone
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.random_pulls import surface_pulls
+from ldsim.pipeline.condense import condensed_model
 from ldsim.pipeline.progress import SILENT, Bar, Progress
-from ldsim.run import Run
+from ldsim.run import Run, Stage
 from ldsim.space.novelty import fit_novelty
 from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
 
@@ -47,6 +48,10 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
     with one_thread():
         q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "heldout"))
         synthetic = _synthetic(run, options.synthetic, q, partial, progress)
+        if options.kind == "condensed":
+            every = np.concatenate([q, synthetic])
+            model = condensed_model(run, every, len(q), _poses(run, every).displacement, options, progress)
+            return _write(run, stage, model, options, {})
         with progress.bar("train", None, "epoch") as bar:
             every, forces, term = np.concatenate([q, synthetic]), None, options.equilibrium
             if term is not None:
@@ -58,9 +63,14 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
     if len(unseen) == 0:
         progress.tell(NO_HELDOUT)
     model = _stored(run, examples, unseen, found, errors)
-    notes = {"activation": options.activation, "met": int(found.met)}
-    write_model(run.path("model"), stage.header("model", ("snapshots", "basis"), options.seed, **notes), model)
-    remove_checkpoints(partial)
+    return _write(run, stage, model, options, {"met": int(found.met)})
+
+
+def _write(run: Run, stage: Stage, model: StoredModel, options: TrainOptions, notes: dict[str, int]) -> StoredModel:
+    """Write model.h5, and remove what an interrupted run would have gone on from."""
+    header = stage.header("model", ("snapshots", "basis"), options.seed, activation=options.activation, **notes)
+    write_model(run.path("model"), header, model)
+    remove_checkpoints(run.folder / "model.partial")
     run.written("model")
     return model
 

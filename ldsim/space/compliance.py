@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.mechanics.loads import Grab
+from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation
@@ -56,5 +56,4 @@ class Compliance:
             fields = self.of_grab(other.vertices)
             for i, grab in enumerate(grabs):
                 flexible[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += fields[grab.vertices].mean(axis=0)
-        stiffness: Array = np.linalg.inv(0.5 * (flexible + flexible.T))
-        return stiffness
+        return np.asarray(np.linalg.inv(0.5 * (flexible + flexible.T)), dtype=np.float64)

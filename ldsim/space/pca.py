@@ -162,17 +162,17 @@ def leading_modes(chunks: Chunks, metric: csr_array, k: int, found: Spectrum | N
             rows[:, block] += weights @ chunk[:, block].astype(np.float64)
         start += len(chunk)
     # Once more, for what rounding left.
-    return orthonormalised(_orthonormal_rows(rows, metric).T, metric), singular
+    return orthonormalised(orthonormal_rows(rows, metric).T, metric), singular
 
 
 def orthonormalised(U: Array, metric: csr_array) -> Basis:
     """The same span and order with UᵀMU = I, by Cholesky; each column's largest entry made positive."""
-    Q = _orthonormal_rows(np.ascontiguousarray(U.T), metric)
+    Q = orthonormal_rows(np.ascontiguousarray(U.T), metric)
     signs = np.sign(Q[np.arange(len(Q)), np.abs(Q).argmax(axis=1)])
     return Basis.of(np.ascontiguousarray((Q * signs[:, None]).T), metric)
 
 
-def _orthonormal_rows(rows: Array, metric: csr_array) -> Array:
+def orthonormal_rows(rows: Array, metric: csr_array) -> Array:
     """Cholesky QR of modes (k, 3n) that are rows, each in one piece of memory."""
     factor = np.linalg.cholesky(weighted(metric, rows) @ rows.T)
     orthonormal: Array = solve_triangular(factor, np.eye(len(rows)), lower=True) @ rows

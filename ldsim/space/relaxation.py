@@ -241,7 +241,7 @@ class _Constrained:
         W = relaxation.rows
         Y = relaxation.solve(self._factor, W)
         compliance = Y @ W.T
-        self.stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
+        self.stiffness: Array = np.asarray(np.linalg.inv(0.5 * (compliance + compliance.T)), dtype=np.float64)
         self.tangents = self.stiffness @ Y  # (r, 3n)
         if exact and not definite:
             self._correct(relaxation.stiffness(u))
@@ -278,5 +278,5 @@ class _Constrained:
     def solve(self, right: Array) -> Array:
         """The displacement with W u = 0 that a force causes, by the factor, (3n,)."""
         relaxation = self._relaxation
-        x = relaxation.solve(self._factor, right[None])[0]
+        x: Array = relaxation.solve(self._factor, right[None])[0]
         return x - (relaxation.rows @ x) @ self.tangents

@@ -79,6 +79,21 @@ class Space:
         rule = CubatureRule.every(scene) if rule is None else rule
         return cls("latent", scene, basis, *networks, rule)
 
+    @classmethod
+    def condensed(cls, scene: Scene, basis: Basis, networks: tuple[Decoder, Encoder], rule: CubatureRule) -> Space:
+        """Coordinates z = VᵀMu of the first r columns of a basis; what the others decode to is in equilibrium with it.
+
+        Args:
+            rule: the virtual points of V_eff(z), or points of the mesh.
+        """
+        coordinates = basis.columns(networks[0].r)
+        return cls("latent", scene, basis, *networks, rule, compliance=Compliance(scene, coordinates))
+
+    @property
+    def is_condensed(self) -> bool:
+        """Whether all but its coordinates is in static equilibrium."""
+        return self.compliance is not None
+
     @property
     def r(self) -> int:
         """How many coordinates move."""
@@ -116,6 +131,8 @@ class Space:
             return flat, flat
         q = self.basis.project(u)
         guesses = self.encoder(q)
+        if self.is_condensed:  # z = W u is where the equilibrium is, not where the decoder comes nearest
+            return guesses, q
         z = np.array([nearest_latent(self.decoder, *pair) for pair in zip(q, guesses, strict=True)])
         return z.reshape(len(u), self.r), q
 

@@ -84,8 +84,8 @@ class BatchedModel:
 
         space = space.by_material()
         scene, basis, rule = space.scene, space.reduced_basis, space.rule
-        elements, pins, points = scene.elements, MovingPins.of(space), rule.points
-        kinds, starts = np.unique(elements.kind[points], return_index=True)
+        elements, pins, points = rule.elements(scene), MovingPins.of(space), rule.points
+        kinds, starts = np.unique(elements.kind, return_index=True)
         stops = [*starts[1:], len(points)]
         return cls(
             BatchedDecoder.of(space.decoder, device, dtype),
@@ -95,8 +95,8 @@ class BatchedModel:
             ),
             tensor(rule.strain_maps(scene, basis.matrix).transpose(1, 2, 0)),
             tensor(np.asarray(rule.weights)),
-            tensor(elements.mu[points]),
-            tensor(elements.lam[points]),
+            tensor(elements.mu),
+            tensor(elements.lam),
             tensor(reduced_mass(scene, basis) / scene.time_step**2),
             tensor(np.einsum("v,vik->ik", scene.vertex_mass, basis.fields)),
             tensor(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),

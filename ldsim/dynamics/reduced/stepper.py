@@ -70,17 +70,17 @@ class ReducedStepper:
         space = space.by_material()
         scene, basis, rule = space.scene, space.reduced_basis, space.rule
         self.space, self.scene, self.options = space, scene, options
-        elements, points = scene.elements, rule.points
+        self._elements = elements = rule.elements(scene)
         self.mass = reduced_mass(scene, basis)
         inertia = self.mass / scene.time_step**2
         self._stiffness = reduced_rest_stiffness(scene, basis)
         self._model = Reduced(
             space.decoder.layers,
-            rule.strain_maps(scene, basis.matrix),
+            _leading(rule.strain_maps(scene, basis.matrix)),
             np.ascontiguousarray(rule.weights, dtype=np.float64),
-            elements.kind[points],
-            elements.mu[points],
-            elements.lam[points],
+            elements.kind,
+            elements.mu,
+            elements.lam,
             _diagonal(inertia),
             inertia + self._stiffness if options.inertia else self._stiffness,
             basis.matrix.T @ scene.external_force.ravel(),
@@ -212,10 +212,10 @@ class ReducedStepper:
     def stiffened(self, scale: float) -> ReducedStepper:
         """The same steps with the Lamé parameters of the scene, and the rest stiffness, times a positive number."""
         other = copy(self)
-        elements, points = self.scene.elements, self.space.rule.points
+        elements = self._elements
         metric = self._own_metric + (scale - 1) * self._stiffness
         other._model = self._model._replace(
-            mu=scale * elements.mu[points], lam=scale * elements.lam[points], metric=metric
+            mu=scale * elements.mu, lam=scale * elements.lam, metric=metric
         )
         other._threads = threading.local()
         return other
@@ -288,8 +288,9 @@ class _Bench:
         compliance, self.factor = self._space.compliance, None
         if compliance is not None and grabs:
             # E = ½ pᵀ Q p of all grabs together is ½ ‖Lᵀ p‖², Q = L Lᵀ: springs of unit stiffness that the kernel knows
-            self.factor = np.linalg.cholesky(compliance.stiffness(grabs))
-            springs.B[:] = (self.factor.T @ springs.B.reshape(3 * count, -1)).reshape(springs.B.shape)
+            factor = np.asarray(np.linalg.cholesky(compliance.stiffness(grabs)), dtype=np.float64)
+            self.factor = factor
+            springs.B[:] = (factor.T @ springs.B.reshape(3 * count, -1)).reshape(springs.B.shape)
         return springs
 
     def _reference(self) -> StepReference:
@@ -357,6 +358,13 @@ def _same(left: Sequence[Indices], right: Sequence[Indices]) -> bool:
         if vertices is not right[i]:
             return False
     return True
+
+
+def _leading(maps: Array) -> Array:
+    """Strain maps (c, 9, j) of the leading coordinates that they depend on."""
+    used = np.flatnonzero(np.abs(maps).max(axis=(0, 1)))
+    last = int(used[-1]) + 1 if len(used) else 1
+    return maps if last == maps.shape[2] else np.ascontiguousarray(maps[:, :, :last])
 
 
 def _diagonal(matrix: Array) -> Array:
