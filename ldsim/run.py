@@ -223,6 +223,12 @@ class Run:
             space = replace(latent_space(solid, basis, model), rule=rule, novelty=model.novelty)
         return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
 
+    def basis_of(self, space: str) -> Basis:
+        """The basis in which a reduced space has its coordinates q; a condensed latent space has one of its own."""
+        if space == "latent" and self.model.columns is not None:
+            return Basis.of(self.model.columns, self.scene.mass)
+        return self.basis
+
     def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:
         """What steps in a space, given itself or by its name.
 

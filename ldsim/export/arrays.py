@@ -40,6 +40,8 @@ def model_arrays(run: Run) -> Arrays:
     }
     for name in ("latent", "linear"):
         arrays |= {f"{name}/{key}": values for key, values in space_arrays(run.space(name)).items()}
+    if run.model.columns is not None:  # a condensed space has a basis of its own
+        arrays["latent/basis"] = run.model.columns
     return arrays
 
 

@@ -102,7 +102,7 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
         raise ExportError(f"motion {name!r} diverged in the first frame of the {space} space; nothing to export")
     played = run.recorded(name).motion
     lifting = Lifting.of(run.scene, [played])
-    U = np.hstack([run.basis.matrix[:, : coordinates.shape[1]], lifting.fields])
+    U = np.hstack([run.basis_of(space).matrix[:, : coordinates.shape[1]], lifting.fields])
     q = np.hstack([coordinates[:frames], lifting.coordinates(played)[:frames]])
     h, lost = run.scene.time_step, len(finite) - frames
     return Playback(name, space, run.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, lost)

@@ -20,7 +20,7 @@ from ldsim.web import PAGE_MATERIALS, bundle, inlined, playground, playground_st
 
 CELLS = {"tet4": "tetrahedra", "hex8": "hexahedra"}
 # Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
-SINGLE = ("vertices", "basis")
+SINGLE = ("vertices", "basis", "latent/basis")
 
 
 def write_playground(run: Run, path: Path) -> None:

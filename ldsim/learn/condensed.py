@@ -119,7 +119,7 @@ class PotentialNetwork(torch.nn.Module):
         strain = (torch.cat([y, features], dim=1) @ self.maps.T).reshape(len(y), -1, 3, 3)
         F = torch.eye(3, dtype=y.dtype) + strain
         density: torch.Tensor = _neo_hookean(F, self.ratio)
-        total: torch.Tensor = (density * self.logarithms.exp()).sum(dim=1)
+        total: torch.Tensor = torch.sum(density * self.logarithms.exp(), dim=1)
         return total
 
 

@@ -173,13 +173,15 @@ def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, refe
     lifted = None
     if space.lifting is not None and space.lifting.count:
         lifted = space.lifting.displacements(reference.motion)
+    residual = _residuals(space, reference)
     columns: list[Array] = []
     for start in range(0, len(trajectory.coordinates), CHUNK):
         some = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
         full = reference.frames(some.start, some.stop)
         relative = full if lifted is None else full - lifted(some.start, some.start + len(full))
-        distance = _distances(trajectory.coordinates[some], space, relative)
-        again = _distances(windowed.coordinates[some], space, relative)
+        q, q_again = trajectory.coordinates[some], windowed.coordinates[some]
+        distance = _distances(q, space, relative - residual(some.start, q))
+        again = _distances(q_again, space, relative - residual(some.start, q_again))
         moved = np.linalg.norm(full.astype(np.float64), axis=2)
         columns.append(np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)]))
     mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
@@ -190,6 +192,18 @@ def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, refe
         windowed_mean_error=windowed_mean,
         mean_displacement=moved_mean,
     )
+
+
+def _residuals(space: Space, reference: Reference) -> Callable[[int, Array], Array | float]:
+    """(first frame, q of frames from it on) → what a condensed space moves beside U q, (frames, n, 3), metres."""
+    if not space.is_condensed:
+        return lambda start, q: 0.0
+    stepper, loads = ReducedStepper(space), MotionLoads(reference.motion, space.scene, dict(reference.held))
+
+    def residual(start: int, q: Array) -> Array:
+        return np.stack([stepper.residual(row, loads.at(start + i, None)) for i, row in enumerate(q)])
+
+    return residual
 
 
 def _distances(q: Array, space: Space, full: NDArray[np.floating]) -> Array:

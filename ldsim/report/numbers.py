@@ -125,8 +125,8 @@ def _vertex_errors(largest: float, mean: float) -> VertexErrors:
 def _rest_residual(run: Run) -> float:
     """Largest vertex displacement of U φ(0), metres."""
     decoder = run.model.decoder
-    u = run.basis.matrix @ decoder(np.zeros(decoder.r))
-    return float(np.linalg.norm(u.reshape(-1, 3), axis=1).max())
+    u = run.basis_of("latent").displacement(decoder(np.zeros(decoder.r)))
+    return float(np.linalg.norm(u, axis=1).max())
 
 
 def _cubature(run: Run, space: str) -> RuleNumbers | None:

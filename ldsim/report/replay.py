@@ -115,13 +115,14 @@ def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
 def _compressed(run: Run, every: Sequence[SpaceReplay], vertices: Indices) -> tuple[Array, list[Array]]:
     """Modes (3v, K) that hold every motion in every space, and the coordinates of each, (N, K).
 
-    What the run's basis, with the fields of pins that move, misses of full space (the reduced runs lie in it) is
-    searched by a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
+    What the run's basis, with the fields of pins that move, misses of full space and of a condensed one is searched by
+    a randomised range finder with one power iteration (Halko, Martinsson and Tropp 2011, Algorithm 4.4).
     """
     U = np.hstack([run.basis.matrix, run.lifting.fields])
     U = U.reshape(run.scene.mesh.n_vertices, 3, -1)[vertices].reshape(3 * len(vertices), -1)
     Q = np.linalg.qr(U)[0].astype(np.float32)
-    missed = [shown.displacements - (shown.displacements @ Q) @ Q.T for shown in every if shown.space == "full"]
+    outside = ("full", "latent") if run.model.condensed else ("full",)
+    missed = [shown.displacements - (shown.displacements @ Q) @ Q.T for shown in every if shown.space in outside]
     extra = min(EXTRA_MODES, sum(map(len, missed)), len(U) - Q.shape[1])
     sketch, rng = np.zeros((len(U), extra)), np.random.default_rng(0)
     for left in missed:

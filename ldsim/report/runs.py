@@ -43,7 +43,7 @@ def displacements(run: Run, space: str, motion: str) -> Callable[[Indices, Indic
         return lambda frames, vertices: np.stack([read(t, t + 1)[0][vertices] for t in frames.tolist()])
     q = runs(run, space)[motion].coordinates
     assert q is not None, "reduced runs keep their coordinates"
-    fields = run.basis.fields[:, :, : q.shape[1]]
+    fields = run.basis_of(space).fields[:, :, : q.shape[1]]
     if run.lifting.count:
         fields = np.concatenate([fields, run.lifting.fields.reshape(len(fields), 3, -1)], axis=2)
         q = np.hstack([q, run.lifting.coordinates(run.motions[motion].motion)[: len(q)]])

@@ -63,6 +63,13 @@ class Handle:
         """Where the centroid of the vertices held is now, (3,) float64, metres."""
         return self._simulator.centroid(self.vertices)
 
+    @property
+    def force(self) -> Array:
+        """What it pulls with now, (3,) float64, N."""
+        grab = self.grab
+        pull: Array = grab.stiffness * (grab.target - self.centroid)
+        return pull
+
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
         self._simulator.held[self._key] = replace(self.grab, target=_vector(target, "target", "m"))
@@ -256,7 +263,7 @@ class Simulator:
     def centroid(self, vertices: Indices) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
         rest: Array = self.scene.mesh.vertices[vertices].mean(axis=0)
-        if self.space.basis is None:
+        if self.space.basis is None or self.space.is_condensed:
             u: Array = self.displacement()[vertices].mean(axis=0)
         else:
             u = self.space.fields[vertices].mean(axis=0) @ self._stepper.coordinates(self._state)

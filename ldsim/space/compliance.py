@@ -31,6 +31,7 @@ class Compliance:
         self.scene, self._coordinates = scene, coordinates
         self._relaxation: Relaxation | None = None
         self._known: dict[bytes, Array] = {}
+        self._sags: tuple[Array, Array] | None = None
 
     def of(self, force: Array) -> Array:
         """C f, (n, 3) metres, of a force (n, 3), N."""
@@ -48,6 +49,15 @@ class Compliance:
                 force[axis, vertices, axis] = 1 / len(vertices)
             self._known[key] = np.stack([self.of(f) for f in force], axis=2)
         return self._known[key]
+
+    def sag(self, gravity: Array | None = None) -> Array:
+        """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out."""
+        if self._sags is None:
+            dead = self.scene.force(np.zeros(3))
+            weights = [self.of(self.scene.force(unit) - dead) for unit in np.eye(3)]
+            self._sags = self.of(dead), np.stack(weights, axis=2)
+        moved: Array = self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
+        return moved
 
     def stiffness(self, grabs: Sequence[Grab]) -> Array:
         """(diag(1/k) + B C Bᵀ)⁻¹ of some grabs together, (3g, 3g), N/m."""

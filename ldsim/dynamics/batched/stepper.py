@@ -89,6 +89,8 @@ class BatchedStepper:
     ) -> None:
         if dtype not in DTYPES:
             raise SolverError(f"batched stepping in {dtype}; allowed are torch.float64 and torch.float32")
+        if space.is_condensed:
+            raise SolverError("a condensed space is not stepped in batches; take the linear space, or one at a time")
         if torch.device(device).type == "cuda" and not torch.cuda.is_available():
             raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
         self.device, self.dtype = torch.device(device), dtype

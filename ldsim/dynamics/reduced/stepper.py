@@ -24,7 +24,6 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.basis import Basis
-from ldsim.space.compliance import Compliance
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
@@ -91,7 +90,6 @@ class ReducedStepper:
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
         self._pins = MovingPins.of(space) if space.lifting is not None and space.lifting.count else None
-        self._sags = None if space.compliance is None else _sags(space.compliance)
         self._dimensions = (space.decoder.r, space.decoder.k)
         method = Method[options.method.upper()]
         self._renewal_cost = RENEWAL_COST[method]
@@ -138,9 +136,7 @@ class ReducedStepper:
         if state.r != self._dimensions[0] or state.k != self._dimensions[1]:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")
         bench = self._bench()
-        bench.grab(loads.grabs)
-        if self._sags is not None:
-            bench.sink(loads.grabs, self._sag(loads.gravity))
+        bench.grab(loads.grabs, loads.gravity)
         force = self._base_force(loads.gravity, bench)
         pins: tuple[Array | None, Array | None] = (None, None)
         if self._pins is not None:
@@ -165,38 +161,26 @@ class ReducedStepper:
     def displacement(self, state: ReducedState) -> Array:
         """u = U q + L a, (n, 3) float64, metres."""
         u = self.space.displacement(state.q)
-        if self.space.compliance is not None:
-            u += self._residual(state)
+        if self.space.is_condensed:
+            u += self.residual(state.q, state.loads)
         return u if self._pins is None or state.a is None else u + self._pins.fields @ state.a
 
-    def forces(self, state: ReducedState) -> Array:
-        """What the grabs of the last step pull with, (g, 3) float64, N."""
-        grabs = state.loads.grabs
+    def residual(self, q: Array, loads: Loads) -> Array:
+        """What gravity and grabs move beside the coordinates of a condensed space, (n, 3) metres; zero elsewhere."""
+        compliance = self.space.compliance
+        if compliance is None:
+            return np.zeros_like(self.scene.mesh.vertices)
+        u = compliance.sag(loads.gravity).copy()
+        if not loads.grabs:
+            return u
         bench = self._bench()
-        bench.grab(grabs)
-        if self._sags is not None:
-            bench.sink(grabs, self._sag(state.loads.gravity))
-        factor, springs = bench.factor, bench.springs
-        stretch = springs.target - springs.centre - springs.B @ state.q
-        if factor is None:
-            pulled: Array = springs.stiffness[:, None] * stretch
-            return pulled
-        return (factor @ stretch.ravel()).reshape(-1, 3)
-
-    def _residual(self, state: ReducedState) -> Array:
-        """What gravity and grabs move beside the coordinates, (n, 3) metres."""
-        compliance, gravity = self.space.compliance, state.loads.gravity
-        assert compliance is not None
-        u = self._sag(gravity).copy()
-        for grab, force in zip(state.loads.grabs, self.forces(state), strict=True):
+        bench.grab(loads.grabs, loads.gravity)
+        # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
+        stretch = bench.springs.target - bench.springs.centre - bench.springs.B @ q
+        forces = (bench.root @ stretch.ravel()).reshape(-1, 3)
+        for grab, force in zip(loads.grabs, forces, strict=True):
             u += compliance.of_grab(grab.vertices) @ force
         return u
-
-    def _sag(self, gravity: Array | None) -> Array:
-        """What gravity and dead loads move beside the coordinates, (n, 3) metres."""
-        assert self._sags is not None
-        constant, along = self._sags
-        return constant + along @ (self.scene.gravity if gravity is None else gravity)
 
     def coordinates(self, state: ReducedState) -> Array:
         """q and beside it where the pins are, a: (k + l,) float64, the coordinates of `Space.fields`."""
@@ -214,16 +198,14 @@ class ReducedStepper:
         other = copy(self)
         elements = self._elements
         metric = self._own_metric + (scale - 1) * self._stiffness
-        other._model = self._model._replace(
-            mu=scale * elements.mu, lam=scale * elements.lam, metric=metric
-        )
+        other._model = self._model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
         other._threads = threading.local()
         return other
 
     def compiled(self, loads: Loads = Loads()) -> tuple[Reduced, Springs, Work]:
         """What the kernels of `reduced.potential` read under some loads: model, springs, scratch memory."""
         bench = self._bench()
-        bench.grab(loads.grabs)
+        bench.grab(loads.grabs, loads.gravity)
         self._base_force(loads.gravity, bench)
         return bench.model, bench.springs, bench.work
 
@@ -254,30 +236,32 @@ class _Bench:
         self.work = make_work(space.decoder, len(model.weights))
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
-        self.factor: Array | None = None
+        # of a condensed space: L of the stiffness L Lᵀ of all grabs together, and what the springs were made for
+        self.root = np.eye(0)
+        self._made_for: tuple[Array | None, list[float]] = (None, [])
         self.springs = self._springs(())
         self.reference = self._reference()
 
-    def grab(self, grabs: Sequence[Grab]) -> None:
+    def grab(self, grabs: Sequence[Grab], gravity: Array | None = None) -> None:
         """Hold what the grabs hold; B is kept while they hold the same vertices."""
         held = [grab.vertices for grab in grabs]
-        if not _same(held, self.held):
+        other = not _same(held, self.held)
+        if self._space.is_condensed and grabs:
+            made_for = gravity, [grab.stiffness for grab in grabs]
+            if other or made_for[0] is not self._made_for[0] or made_for[1] != self._made_for[1]:
+                self._made_for, self.held = made_for, tuple(held)
+                self.springs = self._in_series(self._springs(grabs), grabs, gravity)
+                self.reference = self._reference()
+            targets = np.concatenate([grab.target for grab in grabs])
+            self.springs.target[:] = (targets @ self.root).reshape(-1, 3)
+            return
+        if other:
             self.springs, self.held = self._springs(grabs), tuple(held)
             self.reference = self._reference()
         _, _, target, stiffness = self.springs
         for i, grab in enumerate(grabs):
             target[i] = grab.target
             stiffness[i] = grab.stiffness
-        if self.factor is not None and held:
-            target[:] = (self.factor.T @ target.ravel()).reshape(-1, 3)
-            stiffness[:] = 1.0
-
-    def sink(self, grabs: Sequence[Grab], u: Array) -> None:
-        """Take the grabbed centroids to where a displacement, (n, 3) metres, has them."""
-        rest = self._space.scene.mesh.vertices
-        centre = np.array([(rest[grab.vertices] + u[grab.vertices]).mean(axis=0) for grab in grabs])
-        if self.factor is not None and len(centre):
-            self.springs.centre[:] = (self.factor.T @ centre.ravel()).reshape(-1, 3)
 
     def _springs(self, grabs: Sequence[Grab]) -> Springs:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
@@ -285,12 +269,23 @@ class _Bench:
         for i, grab in enumerate(grabs):
             springs.B[i] = U[grab.vertices].mean(axis=0)
             springs.centre[i] = rest[grab.vertices].mean(axis=0)
-        compliance, self.factor = self._space.compliance, None
-        if compliance is not None and grabs:
-            # E = ½ pᵀ Q p of all grabs together is ½ ‖Lᵀ p‖², Q = L Lᵀ: springs of unit stiffness that the kernel knows
-            factor = np.asarray(np.linalg.cholesky(compliance.stiffness(grabs)), dtype=np.float64)
-            self.factor = factor
-            springs.B[:] = (factor.T @ springs.B.reshape(3 * count, -1)).reshape(springs.B.shape)
+        return springs
+
+    def _in_series(self, springs: Springs, grabs: Sequence[Grab], gravity: Array | None) -> Springs:
+        """The springs in series with the residual compliance.
+
+        Their energy ½ pᵀ Q p couples all grabs, Q = (diag(1/k) + B C Bᵀ)⁻¹ = L Lᵀ. It is ½ ‖Lᵀ p‖²: springs of unit
+        stiffness on Lᵀ B, which the kernel knows.
+        """
+        compliance = self._space.compliance
+        assert compliance is not None
+        self.root = np.asarray(np.linalg.cholesky(compliance.stiffness(grabs)), dtype=np.float64)
+        sag = compliance.sag(gravity)
+        centre = springs.centre + [sag[grab.vertices].mean(axis=0) for grab in grabs]
+        rows = springs.B.reshape(3 * len(grabs), -1)
+        springs.B[:] = (self.root.T @ rows).reshape(springs.B.shape)
+        springs.centre[:] = (centre.ravel() @ self.root).reshape(-1, 3)
+        springs.stiffness[:] = 1.0
         return springs
 
     def _reference(self) -> StepReference:
@@ -338,14 +333,6 @@ class MovingPins(NamedTuple):
         for i, grab in enumerate(grabs):
             centre = self.rest[grab.vertices].mean(axis=0)
             bench.springs.centre[i] = centre + self.fields[grab.vertices].mean(axis=0) @ a
-
-
-def _sags(compliance: Compliance) -> tuple[Array, Array]:
-    """What the dead load moves beside the coordinates, (n, 3), and what a unit of gravity by axis, (n, 3, 3)."""
-    scene = compliance.scene
-    constant = compliance.of(scene.force(np.zeros(3)))
-    weights = [scene.force(unit) - scene.force(np.zeros(3)) for unit in np.eye(3)]
-    return constant, np.stack([compliance.of(weight) for weight in weights], axis=2)
 
 
 def _same(left: Sequence[Indices], right: Sequence[Indices]) -> bool:

@@ -2,7 +2,7 @@
 
 import { decoded, readSafetensors } from "./arrays.js";
 import { everyPicture } from "./dom.js";
-import { held, spaceOf, springOn } from "./model.js";
+import { basisOf, held, spaceOf, springOn } from "./model.js";
 import { Stepper } from "./stepping.js";
 import { inner, minus } from "./vector.js";
 
@@ -19,7 +19,7 @@ function taken({ data, shape }, rows, k) {
 export class Local {
   /** about: what Python says of the solid; packed: the model as safetensors in base64 (ldsim/export/playground.py). */
   constructor(about, packed) {
-    const arrays = readSafetensors(decoded(packed)), { vertices, basis, movable, surface_triangles: triangles } = arrays;
+    const arrays = readSafetensors(decoded(packed)), { vertices, movable, surface_triangles: triangles } = arrays;
     const surface = Array.from(new Set(triangles.data)).sort((a, b) => a - b); // the vertices on the surface
     const number = new Map(surface.map((v, i) => [v, i])), coordinates = surface.flatMap((v) => [3 * v, 3 * v + 1, 3 * v + 2]);
     Object.assign(this, { arrays, h: arrays.time_step.data[0], radius: arrays.pull_radius.data[0], pulls: new Map() });
@@ -29,7 +29,7 @@ export class Local {
     for (const space of ["latent", "linear"]) {
       const model = spaceOf(arrays, space);
       this.steppers[space] = new Stepper(model, this.h);
-      this.blocks[space] = { space, k: model.k, basis: taken(basis, coordinates, model.k) };
+      this.blocks[space] = { space, k: model.k, basis: taken(basisOf(arrays, space), coordinates, model.k) };
     }
     this.block = {
       ...about,
@@ -122,7 +122,7 @@ export class Local {
     const found = held(vertices.data, movable.data, point, this.radius);
     if (!found.length) return;
     const springs = this.shown.map(({ space, q }) => {
-      const spring = springOn(this.arrays, found, stiffness.data[0], space.k);
+      const spring = springOn(vertices, basisOf(this.arrays, space.name), found, stiffness.data[0], space.k);
       spring.grip = this.centroid(spring, q);
       return spring;
     });

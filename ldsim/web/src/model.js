@@ -2,6 +2,9 @@
 
 import { Decoder } from "./decoder.js";
 
+/** The basis of a space, (3n, k): its own, or the one that all share. */
+export const basisOf = (arrays, name) => arrays[`${name}/basis`] ?? arrays.basis;
+
 /** One space of the model: what the step reads. arrays: as readSafetensors gives them. */
 export function spaceOf(arrays, name) {
   const part = (key) => arrays[`${name}/${key}`].data, sizes = Array.from(part("sizes"));
@@ -28,7 +31,7 @@ export function held(positions, movable, point, radius) {
 }
 
 /** The spring on the centroid of the given vertices, c(q) = centre + B q, for a space of dimension k. */
-export function springOn({ vertices, basis }, held, stiffness, k) {
+export function springOn(vertices, basis, held, stiffness, k) {
   const B = Array.from({ length: 3 }, () => new Float64Array(k)), centre = [0, 0, 0], columns = basis.shape[1];
   for (const v of held) {
     for (let axis = 0; axis < 3; axis++) {
