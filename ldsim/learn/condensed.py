@@ -42,8 +42,8 @@ SMALL = 1e-3
 # Share of the poses kept back, which judge and are fitted by nothing.
 KEPT_BACK = 0.1
 JUDGED = 50
-# det F below which the logarithm goes on as its tangent, while a fit may still have inverted points.
-LEAST_VOLUME = 1e-3
+# det F below which the energy goes on as if it allowed inversion, while a fit may still have inverted points.
+LEAST_VOLUME = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,17 +118,19 @@ class PotentialNetwork(torch.nn.Module):
         """V_eff, (b,)."""
         strain = (torch.cat([y, features], dim=1) @ self.maps.T).reshape(len(y), -1, 3, 3)
         F = torch.eye(3, dtype=y.dtype) + strain
-        density: torch.Tensor = _neo_hookean(F, self.ratio)
-        total: torch.Tensor = torch.sum(density * self.logarithms.exp(), dim=1)
-        return total
+        density: torch.Tensor = neo_hookean(F, self.ratio)
+        return (density * self.logarithms.exp()).sum(dim=1)
 
 
-def _neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
-    """Ψ/μ = ½ (F : F − 3) − ln J + ½ (λ/μ) ln² J, with the logarithm continued below a least J."""
+def neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
+    """Ψ/μ = ½ (J^(−2/3) F : F − 3) + ½ (λ/μ) (J − 1)², with J^(−2/3) continued along its tangent below a least J."""
     a, b, c = F[..., 0, :], F[..., 1, :], F[..., 2, :]
     J = (a * torch.linalg.cross(b, c)).sum(dim=-1)
-    logarithm = torch.log(J.clamp_min(LEAST_VOLUME)) + (J.clamp_max(LEAST_VOLUME) - LEAST_VOLUME) / LEAST_VOLUME
-    return 0.5 * ((F * F).sum(dim=(-1, -2)) - 3) - logarithm + 0.5 * ratio * logarithm.square()
+    inside = J.clamp_min(LEAST_VOLUME)
+    beyond = J.clamp_max(LEAST_VOLUME) - LEAST_VOLUME
+    isochoric = inside ** (-2 / 3) - 2 / 3 * LEAST_VOLUME ** (-5 / 3) * beyond
+    density: torch.Tensor = 0.5 * (isochoric * (F * F).sum(dim=(-1, -2)) - 3) + 0.5 * ratio * (J - 1).square()
+    return density
 
 
 def fit_condensed(
@@ -215,7 +217,10 @@ class _Fit:
         (image,) = torch.autograd.grad((force * v).sum(), y, create_graph=True)
         one = torch.randint(0, self.directions.shape[1], (len(batch),), generator=generator)
         w = self.directions[batch, one]
-        along: torch.Tensor = torch.func.jvp(lambda x: model.heads(x)[1], (y.detach(),), (w,))[1]
+        # J w as the derivative of Jᵀ c along w in c: two sweeps backwards, for the one forwards of torch warns
+        c = torch.zeros_like(slaved, requires_grad=True)
+        (pulled,) = torch.autograd.grad((slaved * c).sum(), y, create_graph=True)
+        (along,) = torch.autograd.grad((pulled * w).sum(), c, create_graph=True)
         expected = torch.einsum("bij,bj->bi", self.hessian[batch], v)
         floors = self.floors
         loss: torch.Tensor = (

@@ -30,7 +30,7 @@ from ldsim.space.basis import Basis, weighted
 Array = NDArray[np.float64]
 
 # The force that no constraint carries may be this share of the forces of a typical strain.
-TOLERANCE = 1e-7
+TOLERANCE = 1e-9
 MAX_ITERATIONS = 60
 # Iterations of L-BFGS that one factor of K serves for before it is made anew.
 RENEWAL = 15

@@ -1,0 +1,124 @@
+"""The fits of a condensed space: exact at rest, never negative, and the compiled potential is the fitted one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ldsim.arrays import Array
+from ldsim.cubature.kernels import stresses_of_strains
+from ldsim.errors import SolverError
+from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed, neo_hookean
+from ldsim.learn.options import CondensedOptions, TrainOptions
+from ldsim.mechanics.elastic import Elements
+from ldsim.mechanics.materials import material_number
+from ldsim.mechanics.materials.kernels import energy
+
+R, K, POINTS = 2, 3, 6
+S0 = np.array([[4.0, 1.0], [1.0, 9.0]])
+OPTIONS = TrainOptions(
+    kind="condensed", hidden=(16,), condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400)
+)
+
+
+def stiffening(z: Array) -> tuple[Array, Array]:
+    """Gradient and Hessian of ½ zᵀS₀z + ¼ (zᵀS₀z)²: harder the farther it is bent."""
+    image, energy = S0 @ z, z @ S0 @ z
+    return (1 + energy) * image, (1 + energy) * S0 + 2 * np.outer(image, image)
+
+
+def samples(count: int = 200) -> CondensedSamples:
+    rng = np.random.default_rng(0)
+    z = 0.2 * rng.normal(size=(count, R))
+    derivatives = [stiffening(row) for row in z]
+    directions = 0.1 * rng.normal(size=(count, 2, R))
+    C = rng.normal(size=(R, R, K))
+    slaved = np.einsum("ni,nj,ijk->nk", z, z, C)
+    along = np.einsum("ndi,nj,ijk->ndk", directions, z, C + C.transpose(1, 0, 2))
+    force, stiffness = (np.array([pair[i] for pair in derivatives]) for i in (0, 1))
+    return CondensedSamples(z, force, stiffness, slaved, directions, along, S0)
+
+
+MU, LAM = np.full(POINTS, 2e4), np.full(POINTS, 3e4)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Condensed:
+    return fit_condensed(samples(), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
+
+
+def gradient(found: Condensed, z: Array) -> Array | None:
+    """∇V_eff by the compiled material at the points of the rule; None where V_eff is infinite."""
+    rule, J = found.potential, found.decoder.jacobian(z)
+    assert rule.maps is not None and rule.material == material_number("neo_hookean")
+    none = np.zeros((POINTS, 4), dtype=np.int32), np.zeros((POINTS, 4, 3)), np.zeros(POINTS)
+    elements = Elements(*none, np.full(POINTS, rule.material, dtype=np.int8), MU, LAM)
+    strains = (rule.maps @ found.decoder(z))[None]
+    stresses = np.empty_like(strains)
+    if stresses_of_strains(elements, strains, rule.weights, stresses):
+        return None
+    force: Array = J.T @ np.einsum("sij,si->j", rule.maps, stresses[0])
+    return force
+
+
+def test_the_compiled_potential_has_the_fitted_forces(fitted: Condensed) -> None:
+    data, (values, vectors) = samples(), np.linalg.eigh(S0)
+    to_energy = vectors / np.sqrt(values)  # λ̃ = S₀^(−½) λ, as the fit measures forces
+
+    def off(z: Array, force: Array) -> float:
+        found = gradient(fitted, z)
+        return np.inf if found is None else float(np.linalg.norm((found - force) @ to_energy))
+
+    errors = [off(z, f) / np.linalg.norm(f @ to_energy) for z, f in zip(data.z, data.force, strict=True)]
+    assert np.median(errors) < 0.02
+    # the same number, but for some poses that the fit kept back
+    assert np.median(errors) == pytest.approx(fitted.potential.training_error, rel=0.3)
+
+
+def test_rest_is_at_rest(fitted: Condensed) -> None:
+    np.testing.assert_array_equal(fitted.decoder(np.zeros(R)), 0)
+    still = gradient(fitted, np.zeros(R))
+    assert still is not None
+    np.testing.assert_allclose(still, 0, atol=1e-9)
+
+
+def test_outside_the_samples_the_force_pulls_back_or_the_energy_is_infinite(fitted: Condensed) -> None:
+    finite = 0
+    for direction in np.random.default_rng(1).normal(size=(20, R)):
+        for radius in (0.5, 1.0, 3.0):  # in units of which a sample has a fifth
+            z = radius * direction / np.linalg.norm(direction)
+            force = gradient(fitted, z)
+            assert force is None or force @ z > 0
+            finite += force is not None
+    assert finite > 20
+
+
+def test_the_decoder_begins_with_its_own_coordinates_and_the_encoder_takes_them(fitted: Condensed) -> None:
+    z = samples().z
+    q = fitted.decoder(z)
+    np.testing.assert_allclose(q[:, :R], z, atol=1e-12)
+    np.testing.assert_allclose(fitted.encoder(q), z, atol=1e-12)
+    slaved = samples().slaved
+    off = np.linalg.norm(q[:, -K:] - slaved, axis=1) / np.linalg.norm(slaved, axis=1)
+    assert np.median(off) < 0.1
+
+
+def test_the_same_seed_gives_the_same_model(fitted: Condensed) -> None:
+    again = fit_condensed(samples(), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
+    np.testing.assert_array_equal(again.decoder.layers.weights, fitted.decoder.layers.weights)
+    np.testing.assert_array_equal(again.potential.weights, fitted.potential.weights)
+
+
+def test_too_few_poses_are_refused() -> None:
+    with pytest.raises(SolverError, match="only 5 relaxed poses"):
+        fit_condensed(samples(5), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
+
+
+def test_the_material_of_the_fit_is_the_compiled_one() -> None:
+    F = np.eye(3) + 0.2 * np.random.default_rng(2).normal(size=(30, 3, 3))
+    assert (np.linalg.det(F) > 0.2).all()
+    number, mu, lam = material_number("neo_hookean"), 2.0, 5.0
+    compiled = [energy(number, tuple(f.ravel().tolist()), mu, lam) for f in F]
+    fitted = mu * neo_hookean(torch.tensor(F), torch.tensor(lam / mu, dtype=torch.float64))
+    np.testing.assert_allclose(fitted.numpy(), compiled, rtol=1e-12)

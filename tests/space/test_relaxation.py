@@ -1,0 +1,163 @@
+"""Relaxed poses: derivatives by differences, static condensation by hand, and the ends of the range of r."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from ldsim.arrays import Array
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.errors import SolverError
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.mesh.shapes import beam as beam_mesh
+from ldsim.optimise.sparse import Factor
+from ldsim.space.basis import Basis
+from ldsim.space.compliance import Compliance
+from ldsim.space.relaxation import Relaxation, Relaxed
+from tests.helpers import derivative_order, order, scene, uniform_scene
+
+
+def beam(**given: float) -> Scene:
+    return scene(beam_mesh(0.3, 0.1, 0.1, 1), gravity=(0.0, 0.0, 0.0), **given)
+
+
+def rest_matrices(body: Scene) -> tuple[Array, Array, Array]:
+    """K₀ and M over the free degrees of freedom, dense, and the numbers of these."""
+    pattern = StiffnessPattern(body.points.nodes, body.free, body.mesh.n_vertices)
+    zero = np.zeros((body.mesh.n_vertices, 3))
+    K = pattern.matrix(pattern.stiffness_blocks(body.elements, zero, clamp=False)).toarray()
+    M = np.kron(body.mass.toarray()[np.ix_(body.free, body.free)], np.eye(3))
+    return K, M, (3 * body.free[:, None] + np.arange(3)).ravel()
+
+
+def modes(body: Scene, r: int) -> Basis:
+    """The lowest vibration modes, orthonormal in the mass."""
+    K, M, unknown = rest_matrices(body)
+    V = np.zeros((3 * body.mesh.n_vertices, r))
+    V[unknown] = eigh(K, M)[1][:, :r]
+    return Basis.of(V, body.mass)
+
+
+@pytest.fixture(scope="module")
+def relaxation() -> Relaxation:
+    body = beam()
+    return Relaxation(body, modes(body, 3))
+
+
+def bent_z(relaxation: Relaxation) -> Array:
+    """A pose far from rest, as long a way as the beam's own height."""
+    reach = 0.05 / np.abs(relaxation.coordinates.fields).max(axis=(0, 1))
+    return reach * np.array([1.0, -0.7, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("value", "slope"),
+    [
+        (lambda pose: pose.energy, lambda pose, d: pose.force @ d),
+        (lambda pose: pose.force, lambda pose, d: pose.stiffness @ d),
+        (lambda pose: pose.u, lambda pose, d: pose.tangents @ d),
+    ],
+    ids=["force of energy", "stiffness of force", "tangents of pose"],
+)
+def test_derivatives_of_a_relaxed_pose_are_those_of_differences(
+    relaxation: Relaxation, value: Callable[[Relaxed], Array], slope: Callable[[Relaxed, Array], Array]
+) -> None:
+    z = bent_z(relaxation)
+    d = np.array([0.3, 0.5, -0.8]) * np.linalg.norm(z)
+    found = derivative_order(lambda x: value(relaxation(x)), lambda x: slope(relaxation(x), d), z, d)
+    assert 1.9 < found < 2.2
+
+
+def test_a_relaxed_pose_has_its_coordinates_and_no_force_but_on_them(relaxation: Relaxation) -> None:
+    z = bent_z(relaxation)
+    pose = relaxation(z)
+    np.testing.assert_allclose(relaxation.encode(pose.u[None])[0], z, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(relaxation.encode(np.moveaxis(pose.tangents, 2, 0)), np.eye(3), atol=1e-9)
+    np.testing.assert_array_equal(pose.u[relaxation.scene.pinned], 0)
+    assert pose.stable
+
+
+def test_from_a_pose_of_the_solid_and_from_rest_the_same_equilibrium_is_found(relaxation: Relaxation) -> None:
+    pose = relaxation(bent_z(relaxation))
+    shaken = pose.u + 2e-3 * np.random.default_rng(0).normal(size=pose.u.shape)
+    again = relaxation.from_pose(shaken)
+    np.testing.assert_allclose(again.u, relaxation(again.z).u, atol=1e-7)
+
+
+def test_at_rest_it_is_static_condensation(relaxation: Relaxation) -> None:
+    K, M, unknown = rest_matrices(relaxation.scene)
+    W = relaxation.coordinates.matrix[unknown].T @ M
+    condensed = np.linalg.inv(W @ np.linalg.solve(K, W.T))
+    np.testing.assert_allclose(relaxation.rest.stiffness, condensed, rtol=1e-8, atol=1e-8)
+    tangents = relaxation.rest.tangents.reshape(-1, 3)[unknown]
+    np.testing.assert_allclose(tangents, np.linalg.solve(K, W.T) @ condensed, atol=1e-8 * np.abs(tangents).max())
+
+
+def test_with_as_many_coordinates_as_unknowns_nothing_is_left_to_relax() -> None:
+    body = scene(beam_mesh(0.1, 0.1, 0.1, 1), gravity=(0.0, 0.0, 0.0))
+    every = Relaxation(body, modes(body, 3 * len(body.free)))
+    u = np.zeros((body.mesh.n_vertices, 3))
+    u[body.free] = 0.01 * np.random.default_rng(1).normal(size=(len(body.free), 3))
+    np.testing.assert_allclose(every(every.encode(u[None])[0]).u, u, atol=1e-10)
+
+
+def test_where_the_constraint_alone_holds_the_solid_the_derivatives_are_still_right() -> None:
+    """A beam pressed along its axis wants to buckle sideways; its second coordinate, the bending, keeps it straight."""
+    body = beam(poisson_ratio=0.3)
+    V = modes(body, 6)
+    relaxation = Relaxation(body, V)
+    along = np.zeros((body.mesh.n_vertices, 3))
+    along[:, 0] = -0.25 * body.mesh.vertices[:, 0]
+    pose = relaxation(relaxation.encode(along[None])[0])
+    with pytest.raises(SolverError):
+        assert isinstance(relaxation.factor(pose.u, clamp=False), Factor)
+    assert not pose.stable
+    d = 1e-6 * np.random.default_rng(2).normal(size=6)
+    difference = (relaxation(pose.z + d, pose).force - relaxation(pose.z - d, pose).force) / 2
+    np.testing.assert_allclose(difference, pose.stiffness @ d, rtol=1e-4, atol=1e-6 * np.abs(pose.stiffness @ d).max())
+
+
+def test_what_a_force_moves_beside_the_coordinates_leaves_them_alone(relaxation: Relaxation) -> None:
+    compliance = Compliance(relaxation.scene, relaxation.coordinates)
+    force = np.random.default_rng(3).normal(size=relaxation.rest.u.shape)
+    moved = compliance.of(force)
+    np.testing.assert_allclose(relaxation.encode(moved[None]), 0, atol=1e-12 * np.abs(moved).max())
+    K, M, unknown = rest_matrices(relaxation.scene)
+    W = relaxation.coordinates.matrix[unknown].T @ M
+    flexible = np.linalg.inv(K)
+    by_hand = flexible - flexible @ W.T @ np.linalg.inv(W @ flexible @ W.T) @ W @ flexible
+    np.testing.assert_allclose(moved.reshape(-1)[unknown], by_hand @ force.reshape(-1)[unknown], atol=1e-12)
+
+
+def test_statics_under_a_grab_are_those_of_the_full_space_to_first_order() -> None:
+    """With its residual compliance, the condensed pose under a spring is off by the square of the displacement."""
+    body = beam()
+    relaxation = Relaxation(body, modes(body, 3))
+    compliance = Compliance(body, relaxation.coordinates)
+    vertices = np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
+    full = FullStepper(body, FullOptions(quasistatic=True, tolerance=1e-10))
+    sizes, errors = np.array([1e-3, 2e-3, 4e-3]), []
+    for size in sizes:
+        grab = Grab(vertices, body.mesh.vertices[vertices].mean(axis=0) + [0.0, size, size], 50.0)
+        u = full.step(full.rest(), Loads((grab,)))[0].u
+        B = relaxation.rest.tangents[vertices].mean(axis=0)
+        Q = compliance.stiffness([grab])
+        stretch = np.array([0.0, size, size])
+        z = np.linalg.solve(relaxation.rest.stiffness + B.T @ Q @ B, B.T @ Q @ stretch)
+        drawn = relaxation.rest.tangents @ z + compliance.of_grab(vertices) @ (Q @ (stretch - B @ z))
+        errors.append(np.abs(drawn - u).max())
+    assert order(errors, sizes) > 1.8
+    assert errors[0] < 0.02 * sizes[0]
+
+
+def test_a_solid_without_pins_is_refused() -> None:
+    held = beam()
+    with pytest.raises(SolverError, match="at pins"):
+        Relaxation(held, Basis.of(np.eye(3 * held.mesh.n_vertices)[:, :2], held.mass))
