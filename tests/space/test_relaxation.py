@@ -21,7 +21,7 @@ from ldsim.optimise.sparse import Factor
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 from ldsim.space.relaxation import Relaxation, Relaxed
-from tests.helpers import derivative_order, order, scene, uniform_scene
+from tests.helpers import derivative_order, order, scene
 
 
 def beam(**given: float) -> Scene:
