@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
 
+from ldsim.artefacts.opening import BLOCK, seal
 from ldsim.errors import ArtefactError
 
 
@@ -110,16 +111,22 @@ class _Sink(io.RawIOBase):
 
 
 @contextlib.contextmanager
-def creating(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file that takes its name when whole.
+def creating(path: Path, check: Callable[[h5py.File], None] | None = None) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes its name when whole, sealed with its checksum.
+
+    Args:
+        check: what is done with all of it before it takes its name.
 
     Raises:
         ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
     """
     with replacing(path) as temporary, open(temporary, "w+b", buffering=0) as stream:
         sink = _Sink(stream)
-        with h5py.File(sink, "w") as file:
+        with h5py.File(sink, "w", userblock_size=BLOCK) as file:
             yield file
             file.flush()
             sink.check()
+            if check is not None:
+                check(file)
         sink.check()
+        seal(stream)
