@@ -15,7 +15,7 @@ from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Change, Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import read_mesh
-from ldsim.mesh.mesh import Mesh, check_cells, reoriented
+from ldsim.mesh.mesh import Mesh, reoriented
 from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.shapes import shaped
 from ldsim.pipeline.files import resolve_path
@@ -61,7 +61,6 @@ def described_scene(
         made, notes = _of_surface(options, progress, base, kept)
     else:
         (made, cell_data), notes = _volume(options, progress, base), {}
-    check_cells(made)
     pinned = pinned_vertices(made, options.pins)
     properties = _properties(options, made, cell_data)
     forces = [load_force(made, properties.density, load) for load in options.loads]
