@@ -8,7 +8,9 @@ Hessian in every iteration.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -70,10 +72,18 @@ class FullStepper:
 
     Args:
         choice: the linear solver, where one was chosen before; found by the options otherwise.
+        seconds: after which a step begins no further iteration, for those who watch; what it leads to then depends on
+            the machine.
     """
 
-    def __init__(self, scene: Scene, options: FullOptions = FullOptions(), choice: LinearChoice | None = None) -> None:
-        self.scene, self.options = scene, options
+    def __init__(
+        self,
+        scene: Scene,
+        options: FullOptions = FullOptions(),
+        choice: LinearChoice | None = None,
+        seconds: float = math.inf,
+    ) -> None:
+        self.scene, self.options, self.seconds = scene, options, seconds
         self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
         self._total_mass = float(scene.mass.sum())
@@ -86,7 +96,7 @@ class FullStepper:
 
     def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
-        bench, options = self._bench(), self.options
+        bench, options, deadline = self._bench(), self.options, time.perf_counter() + self.seconds
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
         if excess > options.factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
@@ -113,6 +123,7 @@ class FullStepper:
             pairs=0 if self._newton else WINDOW,
             max_iterations=options.max_iterations,
             refresh=refactorise,
+            deadline=deadline,
         )
         if fresh < 0:
             fresh, excess = solution.iterations, 0
@@ -135,7 +146,7 @@ class FullStepper:
 
     def stiffened(self, scale: float) -> FullStepper:
         """The same steps with the Lamé parameters of the scene times a positive number."""
-        return FullStepper(self.scene.stiffened(scale), self.options, self.choice)
+        return FullStepper(self.scene.stiffened(scale), self.options, self.choice, self.seconds)
 
     @property
     def factorisations(self) -> int:
