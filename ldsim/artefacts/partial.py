@@ -75,6 +75,11 @@ class Lease:
         except OSError:
             return False
 
+    @property
+    def taken_over(self) -> bool:
+        """Whether another run has the folder now."""
+        return self._path.is_file() and not self.holds()
+
     def given_back(self) -> None:
         """End the right, and with it the workers that still write."""
         if self.holds():
