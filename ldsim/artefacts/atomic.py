@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import io
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -42,7 +44,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            _remove_leftovers(path)
+            remove_leftovers(path)
             yield temporary
             os.replace(temporary, path)
     finally:
@@ -50,12 +52,15 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove the temporary files of processes that were killed while they wrote this artefact."""
-    for leftover in path.parent.glob(f".{path.name}.*.partial"):
-        writer = leftover.name.split(".")[-2]
-        if writer.isdecimal() and not Path("/proc", writer).exists():
-            leftover.unlink(missing_ok=True)
+def remove_leftovers(path: Path) -> None:
+    """Remove the temporary files and folders of processes that were killed while they wrote this artefact."""
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*"):
+        *_, writer, kind = leftover.name.split(".")
+        if kind in ("partial", "old") and writer.isdecimal() and not Path("/proc", writer).exists():
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                leftover.unlink(missing_ok=True)
 
 
 class _Sink(io.RawIOBase):
