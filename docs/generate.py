@@ -50,9 +50,13 @@ is whole. `ldsim info FILE` prints its header and its datasets. This page descri
 
 A type is a numpy type code: `f8` float64, `f4` float32, `i8` int64, `i4` int32, `i1` int8, `?` bool. A shape is a tuple
 of numbers and symbols; `()` is a scalar. The same symbol has the same value throughout a file, except in a path with
-`*`. There `*` stands for a name (of a motion, a space or a layer), and the symbols belong to that group alone.
-Reading a file checks its kind, its schema version, and the type and shape of every dataset. A dataset that is neither
-marked optional nor has a `*` in its path is always there.
+`*`. There `*` stands for a name (of a motion, a space or a layer), and the symbols belong to that group alone; n is the
+same everywhere. A dataset that is neither marked optional nor has a `*` in its path is always there.
+
+The first 512 bytes, HDF5's user block, hold the size and the SHA-256 of the rest. Reading a file checks this sum before
+anything else, then its kind, its schema version, and the type, the shape and the values of every dataset; data that lie
+in another file, links, and filters are refused. Whoever changes an artefact on purpose writes its sum anew with
+`ldsim.artefacts.opening.seal`.
 
 Degrees of freedom are vertex-major: x₀, y₀, z₀, x₁, … All units are SI. A `reason` is one of
 {", ".join(f"{reason.value} ({reason.words})" for reason in Reason)}.
@@ -229,7 +233,7 @@ def artefacts_page() -> str:
     for kind, stage in STAGE_OF.items():
         text += f"\n## {kind}.h5\n\nKind `{kind}`, written by `ldsim {stage}`."
         text += f" {NOTES[kind]}\n\n" if kind in NOTES else "\n\n"
-        text += "| dataset | type | shape | unit | meaning |\n|---|---|---|---|---|\n"
+        text += "| dataset | type | shape | values | unit | meaning |\n|---|---|---|---|---|---|\n"
         text += "".join(_dataset_row(entry) for entry in SCHEMAS[kind])
     return text
 
@@ -237,7 +241,7 @@ def artefacts_page() -> str:
 def _dataset_row(entry: Dataset) -> str:
     shape = ", ".join(str(size) for size in entry.shape) + ("," if len(entry.shape) == 1 else "")
     meaning = entry.meaning + (" (optional)" if entry.optional else "")
-    return f"| `{entry.path}` | `{entry.dtype}` | ({shape}) | {entry.unit} | {meaning} |\n"
+    return f"| `{entry.path}` | `{entry.dtype}` | ({shape}) | {entry.allowed.words} | {entry.unit} | {meaning} |\n"
 
 
 def report_page() -> str:

@@ -12,6 +12,7 @@ the messages about a wrong value come from the declarations.
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -26,13 +27,29 @@ from ldsim.errors import SettingsError
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
-Seed = Annotated[int, Field(ge=0)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+# What becomes the name of a file and of a group of an artefact.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=100)]
+# No number of a solid, of a motion or of a fit is larger, in any unit; squares and cubes of it stay far from overflow.
+LARGEST = 1e15
+# A configuration is a page of text; one entry that stands in many places counts in each.
+MOST_BYTES, MOST_ENTRIES = 16 << 20, 1_000_000
+# Faults named in one message.
+MOST_FAULTS = 10
 
 
 class Options(BaseModel):
     """Some options that belong together: frozen, unknown names and values that are not finite refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _of_this_world(self) -> Self:
+        for name, value in self:
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, int | float) and abs(number) > LARGEST and "seed" not in name:
+                    raise ValueError(f"{name} is {number:.3g}; allowed are sizes up to {LARGEST:g}")
+        return self
 
     def replace(self, **changes: Any) -> Self:
         """The same with other values for some, checked as if it were made anew."""
@@ -69,9 +86,12 @@ def read_options(path: Path, what: str, kind: type[Given]) -> Given:
     """
     if not path.is_file():
         raise SettingsError(f"{what} {path} does not exist; examples lie in configs/")
+    if path.stat().st_size > MOST_BYTES:
+        raise SettingsError(f"{what} {path} has {path.stat().st_size} bytes; allowed are {MOST_BYTES}")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        _check_extent(content)
+    except (yaml.YAMLError, ValueError, RecursionError, OSError) as error:
         reason = " ".join(str(error).split())
         raise SettingsError(f"{what} {path} is not valid YAML: {reason}") from error
     if content is None:
@@ -81,12 +101,42 @@ def read_options(path: Path, what: str, kind: type[Given]) -> Given:
     return checked_options(content, f"{what} {path}", kind)
 
 
+class _Loader(yaml.SafeLoader):
+    """Plain YAML in which no key of a mapping is there twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        twice = [key for key, count in Counter(keys).items() if count > 1]
+        if twice:
+            words = f"the key {twice[0][1]!r} is there twice"
+            raise yaml.constructor.ConstructorError(None, None, words, node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def _check_extent(content: object) -> None:
+    """Refuse what a few aliases of aliases make endless.
+
+    Raises:
+        ValueError: it has too many entries.
+    """
+    waiting, count = [content], 0
+    while waiting:
+        entry = waiting.pop()
+        count += 1
+        if count > MOST_ENTRIES:
+            raise ValueError(f"it has more than {MOST_ENTRIES} entries, aliases counted as what they stand for")
+        waiting += entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()
+
+
 def checked_options(content: Mapping[str, Any], source: str, kind: type[Given]) -> Given:
     """The same of what was read, or made, elsewhere; `source` names it in messages."""
     try:
         return kind.model_validate(dict(content))
     except ValidationError as error:
-        faults = "; ".join(_fault(dict(fault), source.split()[0], kind) for fault in error.errors())
+        found = error.errors()
+        faults = "; ".join(_fault(dict(fault), source.split()[0], kind) for fault in found[:MOST_FAULTS])
+        if len(found) > MOST_FAULTS:
+            faults += f"; and {len(found) - MOST_FAULTS} more"
         raise SettingsError(f"{source}: {faults}") from error
 
 
@@ -100,7 +150,8 @@ def _fault(fault: dict[str, Any], what: str, root: type[BaseModel]) -> str:
         return f"unknown key {where!r}; {hint}"
     if fault["type"] == "missing":
         return f"{where} is missing"
-    got = "" if isinstance(fault["input"], dict | list) else f", got {fault['input']!r}"
+    given = repr(fault["input"])
+    got = "" if isinstance(fault["input"], dict | list) else f", got {given[:60]}{'…' * (len(given) > 60)}"
     message = fault["msg"].removeprefix("Value error, ")
     return f"{where}: {message[:1].lower()}{message[1:]}{got}"
 

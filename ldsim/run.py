@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import resource
 import time
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.errors import ArtefactError
+from ldsim.errors import ArtefactError, SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.options import Options
 from ldsim.space.basis import Basis
@@ -145,7 +146,7 @@ class Run:
     def snapshots(self) -> Snapshots:
         """The full-space runs of all motions, open for reading until the run is closed."""
         if self._snapshots is None:
-            self._snapshots = Snapshots(self.path("snapshots"))
+            self._snapshots = Snapshots(self.path("snapshots"), self.scene.mesh.n_vertices)
             self.require("snapshots", "scene")
         return self._snapshots
 
@@ -184,7 +185,8 @@ class Run:
     @property
     def cubature(self) -> dict[str, RulePath]:
         """The cubature rules of each reduced space."""
-        found: dict[str, RulePath] = self._get("cubature", read_cubature, "scene", "basis", "model")
+        read = partial(read_cubature, sizes={"s": self.scene.points.n_points})
+        found: dict[str, RulePath] = self._get("cubature", read, "scene", "basis", "model")
         return found
 
     @property
@@ -217,10 +219,15 @@ class Run:
             return Space.full(solid)
         basis, model, rules = self.basis, self.model, self.cubature[name]  # the first stage missing is named
         rule = rules.stepped(points, changed_material=scene is not None)
-        if name == "linear":
-            space = Space.linear(solid, basis, model.kp, rule)
-        else:
-            space = replace(latent_space(solid, basis, model), rule=rule, novelty=model.novelty)
+        try:
+            if name == "linear":
+                space = Space.linear(solid, basis, model.kp, rule)
+            else:
+                space = replace(latent_space(solid, basis, model), rule=rule, novelty=model.novelty)
+        except SolverError as error:
+            raise ArtefactError(
+                f"model.h5 and cubature.h5 of {self.folder} do not fit its basis.h5 ({error}); delete them and run make"
+            ) from error
         return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
 
     def basis_of(self, space: str) -> Basis:
@@ -229,15 +236,19 @@ class Run:
             return Basis.of(self.model.columns, self.scene.mass)
         return self.basis
 
-    def stepper(self, space: Space | str, tolerance: float | None = None) -> FullStepper | ReducedStepper:
+    def stepper(
+        self, space: Space | str, tolerance: float | None = None, seconds: float = math.inf
+    ) -> FullStepper | ReducedStepper:
         """What steps in a space, given itself or by its name.
 
         Args:
             tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; left out, the usual one of the space.
+            seconds: after which a step of the full space begins no further iteration.
         """
         space = self.space(space) if isinstance(space, str) else space
         if space.basis is None:
-            return FullStepper(space.scene, FullOptions() if tolerance is None else FullOptions(tolerance=tolerance))
+            options = FullOptions() if tolerance is None else FullOptions(tolerance=tolerance)
+            return FullStepper(space.scene, options, seconds=seconds)
         return ReducedStepper(space, ReducedOptions(tolerance=tolerance))
 
     def _get(self, kind: str, read: Any, *inputs: str) -> Any:

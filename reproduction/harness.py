@@ -149,19 +149,19 @@ def show(rows: Sequence[Row], title: str | None = None) -> None:
         print(f"| {r['model']} | {r['quantity']} | {value} | {r['unit']} | {r['goal'] or ''} |", flush=True)
 
 
-def parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Of the arguments of `python -m reproduction.bench.NAME`."""
+def parser(name: str, description: str | None, room: str = "bench") -> argparse.ArgumentParser:
+    """Of the arguments of `python -m reproduction.ROOM.NAME`."""
     return argparse.ArgumentParser(
-        prog=f"python -m reproduction.bench.{name}",
+        prog=f"python -m reproduction.{room}.{name}",
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
-def called(name: str) -> str:
+def called(name: str, room: str = "bench") -> str:
     """The command that a benchmark was called by; a path becomes one in runs/, for it says nothing elsewhere."""
     words = [f"runs/{Path(word).name}" if "/" in word else word for word in sys.argv[1:]]
-    return " ".join(["python -m", f"reproduction.bench.{name}", *words])
+    return " ".join(["python -m", f"reproduction.{room}.{name}", *words])
 
 
 def origin(command: str, machine: Mapping[str, Any] | None = None, created: str | None = None) -> dict[str, Any]:

@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ldsim.artefacts.opening import seal
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene
@@ -109,6 +111,15 @@ def little_memory(extra: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+@contextlib.contextmanager
+def changed(path: Path) -> Iterator[h5py.File]:
+    """A file of ours to be changed on purpose: its checksum fits afterwards."""
+    with h5py.File(path, "r+") as file:
+        yield file
+    with path.open("r+b", buffering=0) as stream:
+        seal(stream)
 
 
 @contextlib.contextmanager

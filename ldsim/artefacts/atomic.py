@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import io
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
 
+from ldsim.artefacts.opening import BLOCK, seal
 from ldsim.errors import ArtefactError
 
 
@@ -41,7 +44,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            _remove_leftovers(path)
+            remove_leftovers(path)
             yield temporary
             os.replace(temporary, path)
     finally:
@@ -49,12 +52,15 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove the temporary files of processes that were killed while they wrote this artefact."""
-    for leftover in path.parent.glob(f".{path.name}.*.partial"):
-        writer = leftover.name.split(".")[-2]
-        if writer.isdecimal() and not Path("/proc", writer).exists():
-            leftover.unlink(missing_ok=True)
+def remove_leftovers(path: Path) -> None:
+    """Remove the temporary files and folders of processes that were killed while they wrote this artefact."""
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*"):
+        *_, writer, kind = leftover.name.split(".")
+        if kind in ("partial", "old") and writer.isdecimal() and not Path("/proc", writer).exists():
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                leftover.unlink(missing_ok=True)
 
 
 class _Sink(io.RawIOBase):
@@ -110,16 +116,22 @@ class _Sink(io.RawIOBase):
 
 
 @contextlib.contextmanager
-def creating(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file that takes its name when whole.
+def creating(path: Path, check: Callable[[h5py.File], None] | None = None) -> Iterator[h5py.File]:
+    """A new HDF5 file that takes its name when whole, sealed with its checksum.
+
+    Args:
+        check: what is done with all of it before it takes its name.
 
     Raises:
         ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
     """
     with replacing(path) as temporary, open(temporary, "w+b", buffering=0) as stream:
         sink = _Sink(stream)
-        with h5py.File(sink, "w") as file:
+        with h5py.File(sink, "w", userblock_size=BLOCK) as file:
             yield file
             file.flush()
             sink.check()
+            if check is not None:
+                check(file)
         sink.check()
+        seal(stream)

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ldsim.artefacts.atomic import writing
+from ldsim.artefacts.atomic import remove_leftovers, writing
 
 
 @contextlib.contextmanager
@@ -29,6 +29,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             temporary.mkdir(parents=True)
             yield temporary
             _exchange(temporary, path, retired)
+            remove_leftovers(path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating, replacing, writing
+from ldsim.artefacts.opening import opened
 from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
+from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
 
 Array = NDArray[np.float64]
@@ -73,6 +75,11 @@ class Lease:
         except OSError:
             return False
 
+    @property
+    def taken_over(self) -> bool:
+        """Whether another run has the folder now."""
+        return self._path.is_file() and not self.holds()
+
     def given_back(self) -> None:
         """End the right, and with it the workers that still write."""
         if self.holds():
@@ -115,14 +122,14 @@ class MotionStore:
     def read_checkpoint(self, identity: str, frame_bytes: int) -> Checkpoint | None:
         """The checkpoint of this very run, or None; frames written after it are cut off."""
         try:
-            with h5py.File(self._checkpoint_path, "r") as file:
+            with opened(self._checkpoint_path) as file:
                 if file.attrs["identity"] != identity:
                     return None
                 state = {name: data[()] for name, data in file["state"].items()}
                 held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
                 statistics = {name: data[:] for name, data in file["statistics"].items()}
                 checkpoint = Checkpoint(identity, state, held, statistics, file["seconds"][:])
-        except (OSError, KeyError):
+        except (OSError, ArtefactError):
             return None
         expected = checkpoint.frames * frame_bytes
         if not self._frames_path.is_file() or self._frames_path.stat().st_size < expected:
@@ -152,7 +159,7 @@ class MotionStore:
     def copy_into(self, group: h5py.Group, n_vertices: int) -> None:
         """Move the finished run into its group of snapshots.h5, in bounded pieces."""
         frames = self._motion.frames
-        with h5py.File(self._checkpoint_path, "r") as file:
+        with opened(self._checkpoint_path) as file:
             held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
             for name in STATISTICS:
                 group[name] = file[f"statistics/{name}"][:]
@@ -176,12 +183,11 @@ def write_snapshots(
     path: Path, header: Header, stores: Sequence[tuple[MotionStore, Motion, str]], n_vertices: int
 ) -> None:
     """Gather finished runs into snapshots.h5 and remove their partial files."""
-    with creating(path) as file:
+    with creating(path, lambda file: check_datasets(file, header.kind, path)) as file:
         write_header(file, header)
         for order, (store, motion, role) in enumerate(stores):
             group = file.create_group(f"motions/{motion.name}")
             group.attrs["role"], group.attrs["order"], group.attrs["frames"] = role, order, motion.frames
             store.copy_into(group, n_vertices)
-        check_datasets(file, header.kind, path)
     for store, _, _ in stores:
         store.remove()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,10 +10,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.store import Header, read_header, reading, write
+from ldsim.artefacts.store import Header, pieces, read_header, reading, write
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
-from ldsim.errors import ArtefactError
+from ldsim.errors import ArtefactError, SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
 from ldsim.space.basis import Basis, inner_product, is_identity
@@ -90,14 +91,9 @@ def write_basis(path: Path, header: Header, pca: Pca) -> None:
 
 def read_basis(path: Path, scene: Scene) -> tuple[Pca, Header]:
     """Read basis.h5; the inner product is made of the scene's mass."""
-    with reading(path, "basis") as file:
+    with reading(path, "basis", {"d": 3 * scene.mesh.n_vertices}) as file:
         header = read_header(file)
         metric = inner_product(scene.mass, str(header.notes["inner_product"]))
-        if len(file["U"]) != 3 * scene.mesh.n_vertices:
-            raise ArtefactError(
-                f"{path}, dataset 'U': found {len(file['U'])} rows, expected 3 × {scene.mesh.n_vertices} vertices; "
-                "it belongs to another mesh: run make"
-            )
         basis = Basis.of(file["U"][:], metric)
         found = [file[name][:] for name in ("singular_values", "max_error", "mean_error")]
         heldout = [file[name][:] if name in file else None for name in ("heldout_max_error", "heldout_mean_error")]
@@ -138,6 +134,17 @@ class StoredModel:
     def condensed(self) -> bool:
         """Whether it is of a condensed space."""
         return self.columns is not None
+
+    def __post_init__(self) -> None:
+        r, k = self.decoder.r, self.decoder.k
+        encoded = (len(self.encoder.weights[0]), self.encoder.weights[-1].shape[1]) if self.encoder.weights else (k, r)
+        landmarks = r if self.novelty is None else self.novelty.landmarks.shape[1]
+        synthetic = k if self.synthetic is None else self.synthetic.shape[1]
+        if (*encoded, landmarks, synthetic) != (k, r, r, k) or not 1 <= self.kp <= k:
+            raise SolverError(
+                f"the decoder goes from r = {r} to k = {k}, the encoder from {encoded[0]} to {encoded[1]}, landmarks "
+                f"have {landmarks} numbers, synthetic poses {synthetic}, kp is {self.kp}; they do not belong together"
+            )
 
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
@@ -235,30 +242,25 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, RulePath]) -> N
     write(path, header, datasets)
 
 
-def read_cubature(path: Path) -> tuple[dict[str, RulePath], Header]:
-    """Read cubature.h5."""
-    with reading(path, "cubature") as file:
+def read_cubature(path: Path, sizes: Mapping[str, int] | None = None) -> tuple[dict[str, RulePath], Header]:
+    """Read cubature.h5; `sizes` may hold s, the scene's quadrature points."""
+    with reading(path, "cubature", sizes) as file:
         lacking = [space for space in ("latent", "linear") if space not in file]
         if lacking:
             name = f"{lacking[0]}/path_points"
             raise ArtefactError(f"{path} lacks the dataset {name!r}; it is damaged, delete it and run make")
-        spaces = {space: _rule_path(file[space], path) for space in file}
+        spaces = {space: _rule_path(file[space]) for space in file}
         return spaces, read_header(file)
 
 
-def _rule_path(group: h5py.Group, path: Path) -> RulePath:
+def _rule_path(group: h5py.Group) -> RulePath:
     errors = np.column_stack([group["path_errors"][:], group["path_perturbed_errors"][:]])
-    ends, chosen = np.cumsum(group["path_sizes"][:])[:-1], int(group["chosen"][()])
-    if not 0 <= chosen < len(errors):
-        raise ArtefactError(
-            f"{path}, dataset '{group.name[1:]}/chosen': found {chosen}, expected 0 … {len(errors) - 1}; run make"
-        )
-    points, weights = (np.split(group[f"path_{name}"][:], ends) for name in ("points", "weights"))
+    points, weights = (pieces(group[f"path_{name}"][:], group["path_sizes"][:]) for name in ("points", "weights"))
     rules = tuple(
         CubatureRule(p, w, float(training), None, float(heldout), float(perturbed))
         for p, w, (training, heldout, perturbed) in zip(points, weights, errors, strict=True)
     )
-    return RulePath(rules, chosen, _virtual(group))
+    return RulePath(rules, int(group["chosen"][()]), _virtual(group))
 
 
 def _virtual(group: h5py.Group) -> VirtualFit | None:

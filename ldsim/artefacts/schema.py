@@ -1,14 +1,48 @@
 """What each kind of artefact holds: every dataset with its type and shape, for checks and for the reference page.
 
 A shape is a tuple of numbers and symbols; the same symbol has the same value throughout a file. `*` in a path stands
-for a name, and symbols inside such a group are its own.
+for a name, and symbols inside such a group are its own, but for those of `SHARED`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-SCHEMA_VERSION = 2
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.optimise.solution import Reason
+
+SCHEMA_VERSION = 3
+# Vertices: of one mesh throughout a run.
+SHARED = ("n",)
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Which numbers a dataset may hold.
+
+    Attributes:
+        words: for messages and for the reference page.
+        least: the smallest. below: what all are smaller than, a number or the symbol of a size.
+        finite: whether NaN and infinity are refused.
+    """
+
+    words: str
+    least: float = -math.inf
+    below: float | str = math.inf
+    finite: bool = True
+
+
+def index(below: str | int) -> Allowed:
+    """Numbers from 0 up to a size, which is left out."""
+    return Allowed(f"0 … {f'{below} − 1' if isinstance(below, str) else below - 1}", 0, below)
+
+
+FINITE = Allowed("finite")
+POSITIVE = Allowed("> 0", math.ulp(0.0))
+COUNT = Allowed("≥ 0", 0)
+MEASURED = Allowed("≥ 0, or NaN or infinite", 0, finite=False)
+ANY = Allowed("", finite=False)
 
 
 @dataclass(frozen=True)
@@ -21,6 +55,11 @@ class Dataset:
     unit: str
     meaning: str
     optional: bool = False
+
+    @property
+    def allowed(self) -> Allowed:
+        """Which numbers it may hold."""
+        return next((allowed for allowed, paths in VALUES.items() if self.path in paths.split()), FINITE)
 
 
 _RULES = (
@@ -126,7 +165,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("loss", "f8", ("epochs", 2), "kg m²", "training and validation loss after each epoch"),
         Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
         Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
-        Dataset("synthetic", "f4", ("f", "k"), "kg^½ m", "coordinates of synthetic motions, learned from too", True),
+        Dataset("synthetic", "f4", ("f", "K"), "kg^½ m", "coordinates of synthetic motions, learned from too", True),
         Dataset("novelty/landmarks", "f8", ("L", "r"), "", "training codes", True),
         Dataset("novelty/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
         Dataset("novelty/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),
@@ -136,4 +175,25 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
     ),
     "cubature": _RULES,
     "simulation": _RUN,
+}
+
+# All others are finite. Displacements are too large to be looked at before they are used.
+VALUES = {
+    ANY: "motions/*/displacements runs/*/*/coordinates runs/*/*/latent",
+    MEASURED: "*/path_errors */path_perturbed_errors */virtual_errors */virtual_judged potential/errors loss search errors "
+    "runs/*/*/seconds runs/*/*/mean_error runs/*/*/max_error runs/*/*/windowed_mean_error runs/*/*/novelty "
+    "runs/*/*/mean_displacement",
+    POSITIVE: "*/path_weights */virtual_weights potential/weights motions/*/drag_stiffness quadrature/weights material/mu "
+    "material/density time_step novelty/reach novelty/threshold",
+    COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "
+    "motions/*/held_count motions/*/support_count motions/*/iterations motions/*/evaluations motions/*/seconds "
+    "runs/*/*/iterations runs/*/*/evaluations groups/*/cells singular_values max_error mean_error heldout_max_error "
+    "heldout_mean_error best_epoch",
+    index("n"): "mesh/cells quadrature/nodes motions/*/held motions/*/support_vertices groups/*/vertices",
+    index("m"): "quadrature/cells",
+    index("s"): "*/path_points */virtual_points",
+    index("l"): "*/chosen",
+    index(len(MATERIALS)): "material/kind",
+    index(len(Reason)): "motions/*/reason runs/*/*/reason",
+    Allowed("1 … k", 1): "kp",
 }

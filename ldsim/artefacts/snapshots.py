@@ -11,12 +11,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.artefacts.store import Header, read_header, reading
+from ldsim.artefacts.store import Header, pieces, read_header, reading
+from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Drag, Motion, Support
 
 Array = NDArray[np.float64]
 
 CHUNK_BYTES = 128 << 20
+ROLES = ("train", "heldout")
 STATISTICS = ("iterations", "evaluations", "reason")
 
 
@@ -65,9 +67,8 @@ def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict
 
 def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, NDArray[np.int64]]]:
     """A motion and its held vertices from the group that holds its arrays."""
-    frames = group["drag_frames"][:]
-    targets = np.split(group["targets"][:], np.cumsum(frames)[:-1]) if len(frames) else []
-    held = np.split(group["held"][:], np.cumsum(group["held_count"][:])[:-1]) if len(frames) else []
+    targets = pieces(group["targets"][:], group["drag_frames"][:])
+    held = pieces(group["held"][:], group["held_count"][:])
     columns = [group[key][:] for key in ("drag_start", "drag_point", "drag_radius", "drag_stiffness", "drag_at_rest")]
     drags = tuple(
         Drag(int(start), point, target, float(radius), float(stiffness), bool(at_rest))
@@ -81,17 +82,28 @@ def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, NDArray
 def _supports(group: h5py.Group) -> tuple[Support, ...]:
     if "support_maps" not in group:
         return ()
-    vertices = np.split(group["support_vertices"][:], np.cumsum(group["support_count"][:])[:-1])
+    vertices = pieces(group["support_vertices"][:], group["support_count"][:])
     return tuple(Support(*pair) for pair in zip(vertices, group["support_maps"][:], strict=True))
 
 
 class Snapshots:
-    """snapshots.h5, open for reading until it is closed; displacements are read in chunks of bounded size."""
+    """snapshots.h5, open for reading until it is closed; displacements are read in chunks of bounded size.
 
-    def __init__(self, path: Path) -> None:
-        self._open = ExitStack()
-        self._file = self._open.enter_context(reading(path, "snapshots"))
-        self.header: Header = read_header(self._file)
+    Args:
+        n_vertices: of the scene, where that is known.
+    """
+
+    def __init__(self, path: Path, n_vertices: int | None = None) -> None:
+        self._path = path
+        with ExitStack() as stack:
+            self._file = stack.enter_context(
+                reading(path, "snapshots", {} if n_vertices is None else {"n": n_vertices})
+            )
+            self.header: Header = read_header(self._file)
+            groups = self._file["motions"]
+            ordered = sorted(groups, key=lambda name: int(groups[name].attrs["order"]))
+            self._recorded = {name: _recorded(groups[name], name) for name in ordered}
+            self._open = stack.pop_all()
 
     def __enter__(self) -> Snapshots:
         return self
@@ -105,26 +117,31 @@ class Snapshots:
     @property
     def names(self) -> list[str]:
         """Motions in the order of the configuration."""
-        groups = self._file["motions"]
-        return sorted(groups, key=lambda name: int(groups[name].attrs["order"]))
+        return list(self._recorded)
 
     def with_role(self, role: str) -> list[str]:
-        return [name for name in self.names if self._file["motions"][name].attrs["role"] == role]
+        return [name for name, found in self._recorded.items() if found.role == role]
 
     def recorded(self, name: str) -> Recorded:
         """A motion with its statistics, without the displacements."""
-        group = self._file["motions"][name]
-        motion, held = read_motion(group, name)
-        statistics = (group[key][:] for key in (*STATISTICS, "seconds"))
-        return Recorded(motion, str(group.attrs["role"]), held, *statistics)
+        return self._recorded[name]
 
     def frames(self, name: str) -> int:
-        return int(self._file["motions"][name].attrs["frames"])
+        return self._recorded[name].motion.frames
 
     def reader(self, name: str) -> Callable[[int, int], NDArray[np.float32]]:
         """The function (start, stop) → frames start … stop − 1 of a motion, (frames, n, 3) float32, metres."""
-        data = self._file["motions"][name]["displacements"]
-        return lambda start, stop: data[start:stop]
+
+        def read(start: int, stop: int) -> NDArray[np.float32]:
+            found = self._read(name, start, stop)
+            if not np.isfinite(found).all():
+                raise ArtefactError(
+                    f"{self._path}, motion {name!r}: a displacement in the frames {start} … {stop - 1} is not finite; "
+                    "delete it and run make"
+                )
+            return found
+
+        return read
 
     def frame_reader(self, names: list[str]) -> Callable[[int], NDArray[np.float32]]:
         """The function t → frame t of the given motions one after the other, (n, 3) float32, metres."""
@@ -142,8 +159,26 @@ class Snapshots:
     def chunks(self, names: list[str]) -> Iterator[NDArray[np.float32]]:
         """Rows of displacements (b, 3n) float32 of the given motions, in bounded pieces."""
         for name in names:
-            data = self._file["motions"][name]["displacements"]
-            rows = max(CHUNK_BYTES // (data.shape[1] * 12), 1)
-            for start in range(0, len(data), rows):
-                part = data[start : start + rows]
+            frames, n, _ = self._file["motions"][name]["displacements"].shape
+            rows = max(CHUNK_BYTES // (n * 12), 1)
+            for start in range(0, frames, rows):
+                part = self._read(name, start, min(start + rows, frames))
                 yield part.reshape(len(part), -1)
+
+    def _read(self, name: str, start: int, stop: int) -> NDArray[np.float32]:
+        try:
+            found: NDArray[np.float32] = self._file["motions"][name]["displacements"][start:stop]
+        except OSError as error:
+            raise ArtefactError(
+                f"{self._path} is damaged ({str(error).splitlines()[0]}); delete it and run make"
+            ) from error
+        return found
+
+
+def _recorded(group: h5py.Group, name: str) -> Recorded:
+    """A motion with its statistics, which is what it says of itself."""
+    motion, held = read_motion(group, name)
+    role = group.attrs["role"]
+    if role not in ROLES or len(group["displacements"]) != motion.frames:
+        raise ValueError(f"motion {name!r} has the role {role!r} and {len(group['displacements'])} of its frames")
+    return Recorded(motion, role, held, *(group[key][:] for key in (*STATISTICS, "seconds")))

@@ -6,17 +6,20 @@ import contextlib
 import fnmatch
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating
-from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
+from ldsim.artefacts.opening import check_size, datasets, opened
+from ldsim.artefacts.schema import ANY, SCHEMA_VERSION, SCHEMAS, SHARED, Dataset, index
 from ldsim.errors import ArtefactError
 
 STAGE_OF = {
@@ -27,6 +30,7 @@ STAGE_OF = {
     "cubature": "cubature",
     "simulation": "simulate",
 }
+CHUNK_BYTES = 64 << 20
 HEADER = ("kind", "schema_version", "ldsim_version", "created", "settings", "inputs", "seed")
 
 
@@ -57,17 +61,16 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def write(path: Path, header: Header, datasets: Mapping[str, NDArray[np.generic] | float | int]) -> None:
+def write(path: Path, header: Header, given: Mapping[str, NDArray[np.generic] | float | int]) -> None:
     """Write an artefact whole.
 
     Raises:
         ArtefactError: the datasets do not fit the schema, or the file cannot be written.
     """
-    with creating(path) as file:
+    with creating(path, lambda file: check_datasets(file, header.kind, path)) as file:
         write_header(file, header)
-        for name, values in datasets.items():
+        for name, values in given.items():
             file.create_dataset(name, data=values)
-        check_datasets(file, header.kind, path)
 
 
 def write_header(file: h5py.File, header: Header) -> None:
@@ -86,22 +89,20 @@ def write_header(file: h5py.File, header: Header) -> None:
 
 
 @contextlib.contextmanager
-def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
-    """An artefact, open and checked against its schema.
+def reading(path: Path, kind: str | None = None, sizes: Mapping[str, int] | None = None) -> Iterator[h5py.File]:
+    """An artefact, open and proved: its checksum, its layout, its header, and every dataset against its schema.
+
+    Args:
+        sizes: of symbols of the schema that are known from other artefacts (`check_datasets`).
 
     Raises:
-        ArtefactError: the file is missing, truncated or not an artefact, or of another kind or schema version.
+        ArtefactError: the file is missing, damaged or not an artefact, of another kind or schema version, or something
+            in it is not what it should be; also what is read of it in the block.
     """
     if not path.is_file():
         hint = f"; run `ldsim {STAGE_OF[kind]}` first" if kind else ""
         raise ArtefactError(f"{path} does not exist{hint}")
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        raise ArtefactError(
-            f"{path} is not a readable HDF5 file (truncated or foreign); delete it and run make"
-        ) from error
-    with file:
+    with opened(path) as file:
         missing = [name for name in HEADER if name not in file.attrs]
         if missing:
             raise ArtefactError(f"{path} is not an ldsim artefact: it lacks the attribute {missing[0]!r}")
@@ -112,36 +113,53 @@ def reading(path: Path, kind: str | None = None) -> Iterator[h5py.File]:
             raise ArtefactError(
                 f"{path} has schema version {version}; this ldsim reads {SCHEMA_VERSION}; delete it and run make"
             )
-        check_datasets(file, found, path)
-        try:
-            yield file
-        except BrokenPipeError:  # whoever reads our output left: not the file's fault
-            raise
-        except (OSError, KeyError) as error:
-            raise ArtefactError(f"{path} is damaged ({str(error).splitlines()[0]}); delete it and run make") from error
+        read_header(file)
+        check_datasets(file, found, path, sizes)
+        yield file
 
 
 def read_header(file: h5py.File) -> Header:
-    """The header of an open artefact."""
-    attributes = dict(file.attrs)
-    notes = {name: _plain(value) for name, value in attributes.items() if name not in HEADER}
+    """The header of an open artefact.
+
+    Raises:
+        ValueError: an attribute is not what it should be.
+    """
+    attributes = {name: _plain(name, value) for name, value in file.attrs.items()}
+    texts = {name: attributes[name] for name in HEADER if name not in ("schema_version", "seed")}
+    inputs = json.loads(str(attributes["inputs"]))
+    sums = inputs.values() if isinstance(inputs, dict) else [None]
+    if not all(isinstance(text, str) for text in (*texts.values(), *sums)) or not isinstance(attributes["seed"], int):
+        raise ValueError("an attribute of its header has another type than it should have")
     return Header(
         kind=str(attributes["kind"]),
         settings=str(attributes["settings"]),
-        inputs=json.loads(str(attributes["inputs"])),
-        seed=int(attributes["seed"]),
-        notes=notes,
+        inputs=inputs,
+        seed=attributes["seed"],
+        notes={name: value for name, value in attributes.items() if name not in HEADER},
         ldsim_version=str(attributes["ldsim_version"]),
         created=str(attributes["created"]),
     )
 
 
-def _plain(value: object) -> str | float | int:
+def _plain(name: str, value: object) -> str | float | int:
     if isinstance(value, np.integer):
         return int(value)
-    if isinstance(value, np.floating):
+    if isinstance(value, np.floating) and np.isfinite(value):
         return float(value)
-    return str(value)
+    if isinstance(value, str) and value.isprintable() | (name == "settings"):
+        return value
+    raise ValueError(f"attribute {name!r} is neither text nor a finite number")
+
+
+def pieces(values: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:
+    """An array that holds several one after another, taken apart.
+
+    Raises:
+        ValueError: the counts do not add up to it.
+    """
+    if counts.sum() != len(values) or (counts < 0).any():
+        raise ValueError(f"{len(values)} values are there, their counts add up to {counts.sum()}")
+    return np.split(values, np.cumsum(counts)[:-1]) if len(counts) else []
 
 
 def check_inputs(path: Path, header: Header, given: Mapping[str, Path]) -> None:
@@ -163,31 +181,36 @@ def check_inputs(path: Path, header: Header, given: Mapping[str, Path]) -> None:
 
 def dataset_names(file: h5py.File) -> list[str]:
     """Paths of all datasets, sorted."""
-    names: list[str] = []
-    file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
-    return sorted(names)
+    return list(datasets(file))
 
 
-def check_datasets(file: h5py.File, kind: str, path: Path) -> None:
+def check_datasets(file: h5py.File, kind: str, path: Path, sizes: Mapping[str, int] | None = None) -> None:
     """Compare every dataset with the schema of its kind.
+
+    Args:
+        sizes: of symbols that are known from other artefacts, n, or latent/k for those of one group.
 
     Raises:
         ArtefactError: naming file, dataset, what was found and what was expected.
     """
     if kind not in SCHEMAS:
         raise ArtefactError(f"{path} holds the unknown kind {kind!r}; known are {', '.join(SCHEMAS)}")
-    names = dataset_names(file)
+    found = datasets(file)
+    names = list(found)
     unknown = [name for name in names if not any(_matches(name, entry.path) for entry in SCHEMAS[kind])]
     if unknown:
         raise ArtefactError(f"{path} holds the dataset {unknown[0]!r}, which a {kind} artefact does not have")
-    symbols: dict[tuple[str, str], int] = {}
-    for entry in SCHEMAS[kind]:
-        matches = [name for name in names if _matches(name, entry.path)]
-        lacking = [] if entry.optional else _lacking(entry, matches, names)
+    symbols = {(name.rpartition("/")[0], name.rpartition("/")[2]): size for name, size in (sizes or {}).items()}
+    matches = {entry: [name for name in names if _matches(name, entry.path)] for entry in SCHEMAS[kind]}
+    for entry, its in matches.items():
+        lacking = [] if entry.optional else _lacking(entry, its, names)
         if lacking:
             raise ArtefactError(f"{path} lacks the dataset {lacking[0]!r}; it is damaged, delete it and run make")
-        for name in matches:
-            _check_dataset(file[name], entry, name, path, symbols)
+        for name in its:
+            _check_dataset(found[name], entry, name, path, symbols)
+    for entry, its in matches.items():
+        for name in its:
+            _check_values(found[name], entry, name, path, symbols)
 
 
 def _lacking(entry: Dataset, matches: list[str], names: list[str]) -> list[str]:
@@ -212,12 +235,42 @@ def _check_dataset(
     wanted = ", ".join(str(size) for size in entry.shape)
     if len(dataset.shape) != len(entry.shape):
         raise ArtefactError(f"{path}, dataset {name!r}: found shape {dataset.shape}, expected ({wanted})")
-    group = name.rsplit("/", 1)[0] if "*" in entry.path else ""
-    if "*" in entry.path.rsplit("/", 1)[-1]:
-        group = name
     for size, symbol in zip(dataset.shape, entry.shape, strict=True):
-        known = symbol if isinstance(symbol, int) else symbols.setdefault((group, symbol), size)
+        known = symbol if isinstance(symbol, int) else symbols.setdefault(_key(entry, name, symbol), size)
         if size != known:
             raise ArtefactError(
                 f"{path}, dataset {name!r}: found shape {dataset.shape}, expected ({wanted}) with {symbol} = {known}"
+            )
+
+    check_size(dataset)
+
+
+def _key(entry: Dataset, name: str, symbol: str) -> tuple[str, str]:
+    """Where a symbol is at home: in the file, or in the group, or the one dataset, that `*` stands for."""
+    parent, _, last = entry.path.rpartition("/")
+    if symbol in SHARED or "*" not in entry.path:
+        return "", symbol
+    return (name if "*" in last else name.rpartition("/")[0]), symbol
+
+
+def _check_values(
+    dataset: h5py.Dataset, entry: Dataset, name: str, path: Path, symbols: Mapping[tuple[str, str], int]
+) -> None:
+    allowed = index(2) if dataset.dtype.kind == "b" else entry.allowed
+    if allowed is ANY or dataset.size == 0:
+        return
+    below = allowed.below
+    if isinstance(below, str):
+        below = symbols.get(_key(entry, name, below), symbols.get(("", below), math.inf))
+    rows = max(CHUNK_BYTES * max(len(dataset), 1) // dataset.nbytes, 1) if dataset.shape else 1
+    for start in range(0, len(dataset) if dataset.shape else 1, rows):
+        values = np.atleast_1d(dataset[start : start + rows] if dataset.shape else dataset[()])
+        values = values.view(np.uint8) if values.dtype == bool else values
+        wrong = (values < allowed.least) | (values >= below) & np.isfinite(values)
+        if allowed.finite:
+            wrong |= ~np.isfinite(values)
+        if wrong.any():
+            what = allowed.words if below == math.inf else f"0 … {below - 1}"
+            raise ArtefactError(
+                f"{path}, dataset {name!r}: found {values[wrong][0]:g}, expected {what}; delete it and run make"
             )

@@ -6,12 +6,12 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating
-from ldsim.artefacts.store import dataset_names
+from ldsim.artefacts.opening import check_size, datasets, opened
+from ldsim.errors import ArtefactError
 
 Arrays = Mapping[str, NDArray[np.generic]]
 
@@ -30,11 +30,14 @@ class TrainingStore:
     def load(self) -> Arrays | None:
         """What this very training saved last; None where there is nothing, or nothing readable."""
         try:
-            with h5py.File(self._path, "r") as file:
+            with opened(self._path) as file:
                 if file.attrs["identity"] != self._identity:
                     return None
-                return {name: np.asarray(file[name][()]) for name in dataset_names(file)}
-        except (OSError, KeyError):
+                found = datasets(file)
+                for data in found.values():
+                    check_size(data)
+                return {name: np.asarray(data[()]) for name, data in found.items()}
+        except (OSError, ArtefactError):
             return None
 
     def save(self, arrays: Arrays) -> None:

@@ -67,9 +67,14 @@ browser_option = click.option("--browser/--no-browser", default=True, help="Open
 until_closed_option = click.option("--until-closed", is_flag=True, help="End when the page is closed.")
 
 
+def printable(text: str) -> str:
+    """A text of a file for the terminal, which does not obey what is in it."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
+
+
 def _end_with(message: str) -> Never:
     """Say what is wrong in one line, and leave with status 1."""
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    click.echo(f"error: {printable(' '.join(message.split()))}", err=True)
     sys.exit(1)
 
 

@@ -8,6 +8,7 @@ import click
 
 from ldsim import __version__
 from ldsim.artefacts.store import dataset_names, read_header, reading
+from ldsim.cli.app import printable
 
 
 @click.command("info", help="Print an artefact's header and contents.")
@@ -16,15 +17,21 @@ from ldsim.artefacts.store import dataset_names, read_header, reading
 def command(file: Path) -> None:
     with reading(file) as artefact:
         header = read_header(artefact)
-        click.echo(f"{file}: {header.kind}, written by ldsim {header.ldsim_version} on {header.created}")
+        say(f"{file}: {header.kind}, written by ldsim {header.ldsim_version} on {header.created}")
         for name, value in header.notes.items():
-            click.echo(f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}")
+            say(f"  {name}: {value:.6g}" if isinstance(value, float) else f"  {name}: {value}")
         for name, digest in header.inputs.items():
-            click.echo(f"  made from {name}: SHA-256 {digest}")
-        click.echo("settings:")
-        click.echo("".join(f"  {line}\n" for line in header.settings.splitlines()), nl=False)
-        click.echo("datasets:")
+            say(f"  made from {name}: SHA-256 {digest}")
+        say("settings:")
+        for line in header.settings.splitlines():
+            say(f"  {line}")
+        say("datasets:")
         for name in dataset_names(artefact):
             dataset = artefact[name]
             shape = " × ".join(str(size) for size in dataset.shape) or "scalar"
-            click.echo(f"  {name}  {shape}  {dataset.dtype}")
+            say(f"  {name}  {shape}  {dataset.dtype}")
+
+
+def say(line: str) -> None:
+    """One line of what the file says, without what a terminal would obey."""
+    click.echo(printable(line))

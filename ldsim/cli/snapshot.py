@@ -10,7 +10,7 @@ from ldsim.pipeline.snapshot import snapshot
 SCHEDULER = click.Option(
     ["--scheduler"],
     metavar="ADDRESS",
-    help="Dask scheduler to run on, tcp://host:8786, instead of this machine.",
+    help="Dask scheduler to run on, tls://host:8786, instead of this machine (needs ldsim[cluster]).",
 )
 
 

@@ -92,7 +92,7 @@ def choose_on_mesh(space: PoseSpace, split: PoseSplit, options: FitOptions, tell
 def _system(space: PoseSpace, fitted: Indices, options: FitOptions) -> System:
     """The forces of the fitted poses, with the terms that have a weight."""
     terms, seed, metric = options.terms, options.seed, _metric(space, options)
-    samples, candidates = closed_samples(space, fitted, options), _candidates(space.scene.points.n_points, options)
+    samples, candidates = closed_samples(space, fitted, options), drawn_candidates(space.scene.points.n_points, options)
     if terms.perturbed:
         some = np.random.default_rng((seed, PERTURBED)).permutation(fitted)[: round(terms.perturbed * len(fitted))]
         moved = perturbed(space.z, some, options.perturbation, (seed, PERTURBED))
@@ -122,7 +122,8 @@ def closed_samples(space: PoseSpace, poses: Indices, options: FitOptions) -> Sam
     return samples.plus(closure * (space.true_forces(poses) - samples.forces)) if closure else samples
 
 
-def _candidates(points: int, options: FitOptions) -> Indices | None:
+def drawn_candidates(points: int, options: FitOptions) -> Indices | None:
+    """The points that a fit looks at, ascending; None for all where there are few enough."""
     if points <= options.candidates:
         return None
     rng = np.random.default_rng((options.seed, CANDIDATES))

@@ -48,11 +48,19 @@ class RulePath:
         chosen: number of the rule that the fit was for: the smallest found that meets the tolerance, or else the one
             of least error.
         virtual: virtual points, fitted from one of the rules; None where there are none.
+
+    Raises:
+        SolverError: there is no rule of the number chosen, or one without points.
     """
 
     rules: tuple[CubatureRule, ...]
     chosen: int
     virtual: VirtualFit | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.chosen < len(self.rules) or not all(len(rule.points) for rule in self.rules):
+            sizes = [len(rule.points) for rule in self.rules]
+            raise SolverError(f"rule number {self.chosen} is chosen among rules of {sizes} points; each needs some")
 
     @property
     def best(self) -> CubatureRule:

@@ -51,6 +51,10 @@ class CubatureRule:
                 f"cubature rule has points of shape {self.points.shape} and weights of shape {self.weights.shape}; "
                 "both must be (c,)"
             )
+        if self.points.min(initial=0) < 0:
+            raise SolverError(
+                f"cubature rule has the point {self.points.min()}; numbered from 0 in the scene it was fitted on"
+            )
         if len(np.unique(self.points)) < len(self.points):
             raise SolverError("cubature rule has a point twice; give each one weight")
         if not (np.isfinite(self.weights).all() and (self.weights > 0).all()):

@@ -12,7 +12,7 @@ from threading import Lock
 import numpy as np
 
 from ldsim.arrays import Array
-from ldsim.cubature.choose import split_poses
+from ldsim.cubature.choose import drawn_candidates, split_poses
 from ldsim.cubature.methods import fit
 from ldsim.cubature.options import FitOptions
 from ldsim.cubature.path import Tell
@@ -46,8 +46,9 @@ def synthetic_stepper(scene: Scene, basis: Basis, q: Array, seed: int, progress:
     space = Space.linear(scene, basis, basis.k)
     samples = PoseSpace(space, stiffness, q[poses])
     metric = rest_compliance(stiffness, space.decoder, q[:1])
-    forces = ForceTerm(samples, samples.samples(samples.z, poses), metric)
-    found = fit(System(forces, FIT.terms.volume), FIT, progress).best
+    candidates = drawn_candidates(scene.points.n_points, FIT)
+    forces = ForceTerm(samples, samples.samples(samples.z, poses), metric, candidates)
+    found = fit(System(forces, FIT.terms.volume, (), candidates), FIT, progress).best
     return ReducedStepper(space.with_rule(found), ReducedOptions(tolerance=TOLERANCE))
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -97,20 +96,19 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
             f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
             f"run {wanted.extra.install}"
         )
+    write: Callable[[Path], None]
     if wanted.model is not None:
-        name = f"{run.folder.resolve().name}{wanted.suffix or '-' + choice.format}"
-        path = _output(run, wanted, name, output)
-        with _writing(path, wanted) as temporary:
-            wanted.model(run, temporary)
-        return path, "the reduced model"
-    assert wanted.motion is not None, "a format writes a motion or a model"
-    played = playback(run, choice.motion, choice.space).thinned(choice.every)
-    name = f"{played.title}{wanted.suffix or '-' + choice.format}"
-    path = _output(run, wanted, name, output)
-    with _writing(path, wanted) as temporary:
-        wanted.motion(played, temporary)
-    lost = f", {played.lost} left out because the run diverged" if played.lost else ""
-    return path, f"{played.frames} frames of {played.motion} in the {played.space} space{lost}"
+        write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
+    else:
+        assert wanted.motion is not None, "a format writes a motion or a model"
+        played = playback(run, choice.motion, choice.space).thinned(choice.every)
+        lost = f", {played.lost} left out because the run diverged" if played.lost else ""
+        write, title = partial(wanted.motion, played), played.title
+        what = f"{played.frames} frames of {played.motion} in the {played.space} space{lost}"
+    path = _output(run, wanted, f"{title}{wanted.suffix or '-' + choice.format}", output)
+    with replacing(path) if wanted.suffix else replacing_folder(path) as temporary:
+        write(temporary)
+    return path, what
 
 
 def _output(run: Run, wanted: Format, name: str, output: Path | None) -> Path:
@@ -124,10 +122,3 @@ def _output(run: Run, wanted: Format, name: str, output: Path | None) -> Path:
     if output.exists() and not wanted.suffix:
         raise ExportError(f"the output folder {output} exists already; give the name of a new one")
     return output
-
-
-@contextlib.contextmanager
-def _writing(path: Path, wanted: Format) -> Iterator[Path]:
-    """A temporary file or folder that takes its place when whole."""
-    with replacing(path) if wanted.suffix else replacing_folder(path) as temporary:
-        yield temporary

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ldsim.arrays import Array, Indices
+from ldsim.errors import MotionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +26,9 @@ class Drag:
         radius: vertices within it of the picked vertex are held, metres.
         stiffness: of the spring on their centroid, N/m.
         at_rest: whether `point` is on the rest shape instead of the deformed one.
+
+    Raises:
+        MotionError: a number that is not finite, a negative start or radius, a stiffness that is not positive.
     """
 
     start: int
@@ -31,6 +37,15 @@ class Drag:
     radius: float
     stiffness: float
     at_rest: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.stiffness < np.inf or not 0 <= self.radius < np.inf:
+            raise MotionError(
+                f"a grab of stiffness {self.stiffness:g} N/m and radius {self.radius:g} m; "
+                "the stiffness must be positive, the radius not negative, both finite"
+            )
+        if self.start < 0 or not (np.isfinite(self.point).all() and np.isfinite(self.targets).all()):
+            raise MotionError(f"the grab at frame {self.start} has a negative start, or places that are not finite")
 
     @property
     def stop(self) -> int:
@@ -45,10 +60,17 @@ class Support:
     Attributes:
         vertices: which, (v,) int64.
         maps: (A | b) of each frame, (frames, 3, 4) float64; b in metres.
+
+    Raises:
+        MotionError: a map that is not finite.
     """
 
     vertices: Indices
     maps: Array
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.maps).all():
+            raise MotionError("moving pins follow a path that is not finite")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +81,9 @@ class Motion:
         drags: pulls of the pointer.
         gravity: acceleration in each frame, (frames, 3) float64, m/s²; None for the scene's own.
         supports: pins that move.
+
+    Raises:
+        MotionError: gravity that is not finite, or a path of another number of frames.
     """
 
     name: str
@@ -66,6 +91,15 @@ class Motion:
     drags: tuple[Drag, ...] = ()
     gravity: Array | None = None
     supports: tuple[Support, ...] = ()
+
+    def __post_init__(self) -> None:
+        lengths = {len(support.maps) for support in self.supports}
+        if self.gravity is not None:
+            lengths.add(len(self.gravity))
+            if not np.isfinite(self.gravity).all():
+                raise MotionError(f"motion {self.name!r} has a gravity that is not finite")
+        if lengths - {self.frames}:
+            raise MotionError(f"motion {self.name!r} has {self.frames} frames, its paths {sorted(lengths)}")
 
     def active(self, frame: int) -> list[int]:
         """The drags that pull in a frame, by number."""

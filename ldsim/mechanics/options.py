@@ -59,13 +59,13 @@ class LoadOptions(Options):
 class PullOptions(Options):
     """Random pulls at the surface, one after another, each followed by free motion."""
 
-    count: Annotated[int, Field(ge=1, description="Number of pulls, one after another.")]
+    count: Annotated[int, Field(ge=1, le=10_000, description="Number of pulls, one after another.")]
     seed: Annotated[Seed, Field(description="Seed of where and which way.")] = 0
     reach: Annotated[Positive, Field(description="How far the pointer goes from the surface, m.")]
     stiffness: Annotated[Positive, Field(description="Of the spring, N/m.")] = 30.0
     radius: Annotated[Positive, Field(description="Vertices within it are held, m.")] = 0.03
-    frames: Annotated[int, Field(ge=2, description="Frames of one pull.")] = 40
-    rest: Annotated[int, Field(ge=0, description="Frames of free motion after each pull.")] = 40
+    frames: Annotated[int, Field(ge=2, le=100_000, description="Frames of one pull.")] = 40
+    rest: Annotated[int, Field(ge=0, le=100_000, description="Frames of free motion after each pull.")] = 40
 
     @property
     def frames_of_one(self) -> int:
@@ -165,7 +165,9 @@ class GravitySweepOptions(Options):
     """Gravity from every direction in turn."""
 
     duration: Annotated[Positive, Field(description="s.")]
-    turns: Annotated[int, Field(ge=1, description="Turns of the spiral from the scene's gravity to its opposite.")] = 4
+    turns: Annotated[
+        int, Field(ge=1, le=1000, description="Turns of the spiral from the scene's gravity to its opposite.")
+    ] = 4
     size: Annotated[
         Positive | None, Field(description="Of the acceleration, m/s²; left out, that of the scene's gravity.")
     ] = None

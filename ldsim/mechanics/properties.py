@@ -54,7 +54,12 @@ class Properties:
     def __post_init__(self) -> None:
         ratio = self.poisson_ratio
         _check("Young's modulus", self.youngs_modulus, self.youngs_modulus > 0, "positive, Pa")
-        _check("Poisson's ratio", ratio, (ratio > -1) & (ratio < 0.5), "more than -1 and less than 0.5")
+        _check(
+            "Poisson's ratio",
+            ratio,
+            (ratio > -1) & (ratio < 0.5 - 1e-6),
+            "more than -1 and less than 0.5 by a millionth",
+        )
         _check("density", self.density, self.density > 0, "positive, kg/m³")
 
     @classmethod

@@ -26,6 +26,8 @@ def read_recording(path: Path, name: str, frames: int | None = None) -> Motion:
     Raises:
         MotionError: the file cannot be read, lacks a column or a needed key, or holds something that is not a number.
     """
+    if not path.is_file():
+        raise MotionError(f"recording {path} cannot be read: it is no file")
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -102,8 +104,8 @@ def _needed(header: dict[str, str], key: str, unit: str, path: Path) -> float:
         value = float(header[key])
     except (KeyError, ValueError) as error:
         raise MotionError(f"recording {path} needs a line '# {key}: <number in {unit}>'") from error
-    if not value > 0:
-        raise MotionError(f"recording {path}: {key} is {value:g} {unit}; it must be positive")
+    if not 0 < value < np.inf:
+        raise MotionError(f"recording {path}: {key} is {value:g} {unit}; it must be positive and finite")
     return value
 
 

@@ -15,7 +15,7 @@ from ldsim.mechanics.mass import mass_matrix
 from ldsim.mechanics.materials import material_names
 from ldsim.mechanics.properties import Properties, lame_parameters
 from ldsim.mechanics.quadrature import Quadrature, quadrature
-from ldsim.mesh.mesh import Mesh, components
+from ldsim.mesh.mesh import Mesh, check_cells, components
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,9 @@ class Scene:
         load: dead load on each vertex besides its weight, (n, 3) float64, N; None where there is none.
 
     Raises:
-        SceneError: on a material that does not exist, on a modulus, density or time step that is not allowed, or a part
-            without a pin.
+        SceneError: on a material that does not exist, on a modulus, density, force or time step that is not allowed, a
+            part without a pin, or when nothing is free to move.
+        MeshError: on inverted, degenerate or repeated cells.
     """
 
     mesh: Mesh
@@ -48,12 +49,27 @@ class Scene:
     load: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        n, m = self.mesh.n_vertices, self.mesh.n_cells
+        load = np.zeros((n, 3)) if self.load is None else self.load
+        expected = (m, m, m, m, n, 3, 3 * n)
+        given = (self.material, self.mu, self.lam, self.density, self.pinned, self.gravity, load)
+        if tuple(np.size(values) for values in given) != expected or load.shape != (n, 3):
+            found = [np.shape(values) for values in given]
+            raise SceneError(
+                f"material, mu, lam, density, pinned, gravity, load have shapes {found}; the mesh {n}, {m}"
+            )
         material_names(np.unique(self.material).tolist())
-        for name, values in (("mu", self.mu), ("density", self.density)):
+        for name, values in (("mu", self.mu), ("bulk modulus", self.lam + 2 / 3 * self.mu), ("density", self.density)):
             if not (np.isfinite(values).all() and (values > 0).all()):
                 raise SceneError(f"{name} of a cell is {values.min():g}; it must be positive and finite")
-        if not self.time_step > 0:
-            raise SceneError(f"time step is {self.time_step:g} s; it must be positive")
+        for name, values in (("gravity", self.gravity), ("load", load)):
+            if not np.isfinite(values).all():
+                raise SceneError(f"{name} holds {values[~np.isfinite(values)][0]:g}; it must be finite")
+        if not 0 < self.time_step < np.inf:
+            raise SceneError(f"time step is {self.time_step:g} s; it must be positive and finite")
+        if self.pinned.all():
+            raise SceneError(f"the pins hold all {n} vertices; at least one must be free to move")
+        check_cells(self.mesh)
         labels = components(self.mesh)
         supported = np.unique(labels[self.pinned])
         loose = np.setdiff1d(np.unique(labels), supported)

@@ -23,6 +23,8 @@ from ldsim.mechanics.options import (
 )
 from ldsim.mechanics.scene import Scene
 
+MOST_FRAMES = 1_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
@@ -71,6 +73,8 @@ def frame_times(frames: int, time_step: float) -> Array:
 
 def frames_until(time: float, time_step: float) -> int:
     """The frames that end at or before a time, at least one; a time within rounding of a frame counts."""
+    if time > MOST_FRAMES * time_step:
+        raise MotionError(f"{time:g} s are more than {MOST_FRAMES} steps of {time_step:g} s; choose a shorter motion")
     return max(int(np.floor(time / time_step + 1e-6)), 1)
 
 

@@ -13,6 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from ldsim.errors import MeshError
 
 NODES_PER_CELL = {"tet4": 4, "hex8": 8}
+# The largest coordinate, metres: the cube of a length, and what is made of it, stays far from overflow.
+FARTHEST = 1e9
 
 # The corner a of a cell and the three corners that make a right-handed frame with it.
 CORNER_FRAMES = {
@@ -94,15 +96,20 @@ def check_indices(vertices: NDArray[np.float64], cells: NDArray[np.integer], nod
     """Refuse vertices, (n, 3), or what refers to them, (count, nodes), that make no mesh; `what` is one of these.
 
     Raises:
-        MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
+        MeshError: on a wrong shape, a place that is not finite or so far away that volumes overflow, or an index out
+            of range.
     """
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) == 0:
         raise MeshError(f"vertices have shape {vertices.shape}; expected (n, 3) with n > 0")
     if cells.ndim != 2 or cells.shape[1] != nodes or len(cells) == 0:
         raise MeshError(f"{what}s have shape {cells.shape}; expected ({count}, {nodes}) with {count} > 0")
-    if not np.isfinite(vertices).all():
-        row = int(np.argwhere(~np.isfinite(vertices))[0, 0])
-        raise MeshError(f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers")
+    far = ~(np.abs(vertices) <= FARTHEST).all(axis=1)
+    if far.any():
+        row = int(far.argmax())
+        raise MeshError(
+            f"vertex {row} has coordinates {vertices[row].tolist()}; all must be finite numbers of at most "
+            f"{FARTHEST:g} m; is mesh.scale right?"
+        )
     if cells.min() < 0 or cells.max() >= len(vertices):
         row = int(np.argwhere((cells < 0) | (cells >= len(vertices)))[0, 0])
         raise MeshError(f"{what} {row} refers to vertices {cells[row].tolist()}; allowed are 0 … {len(vertices) - 1}")
@@ -123,15 +130,23 @@ def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def check_cells(mesh: Mesh, relative_threshold: float = 1e-12) -> None:
-    """Refuse inverted and degenerate cells.
+    """Refuse inverted and degenerate cells, and those listed twice.
 
     Raises:
         MeshError: naming the first cell whose corner volume is negative (inverted) or at most
-            `relative_threshold` times its longest edge cubed (degenerate).
+            `relative_threshold` times its longest edge cubed (degenerate), or that has the vertices of another.
     """
+    corners = np.sort(mesh.cells, axis=1)
+    _, first_of = np.unique(corners, axis=0, return_index=True)
+    if len(first_of) < mesh.n_cells:
+        twice = np.setdiff1d(np.arange(mesh.n_cells), first_of)
+        raise MeshError(
+            f"{len(twice)} of {mesh.n_cells} cells are there twice, the first is cell {twice[0]} with vertices "
+            f"{mesh.cells[twice[0]].tolist()}; each would add its mass and stiffness again, so leave one"
+        )
     volumes = corner_volumes(mesh).min(axis=1)
     extent = np.ptp(mesh.vertices[mesh.cells], axis=1).max(axis=1)
-    degenerate = np.abs(volumes) <= relative_threshold * extent**3
+    degenerate = ~(np.abs(volumes) > relative_threshold * extent**3)  # also where a volume overflows
     inverted = (volumes < 0) & ~degenerate
     for name, bad in (("degenerate", degenerate), ("inverted", inverted)):
         if bad.any():

@@ -93,9 +93,11 @@ class Surface:
     triangles: NDArray[np.int32]
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Surface:
-        """The boundary of a mesh."""
+    def of(cls, mesh: Mesh, most_vertices: int | None = None) -> Surface:
+        """The boundary of a mesh, `coarsened` where it has more vertices than are allowed."""
         triangles = surface_triangles(mesh)
+        if most_vertices is not None:
+            triangles = coarsened(mesh.vertices, triangles, most_vertices)
         vertices, local = np.unique(triangles, return_inverse=True)
         return cls(
             vertices.astype(np.int64),

@@ -7,6 +7,7 @@ and by the compiled reduced step (dynamics/reduced/minimiser.py).
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -93,6 +94,7 @@ def minimise(
     pairs: int = 8,
     max_iterations: int = 500,
     refresh: Callable[[Array, int], bool] | None = None,
+    deadline: float = math.inf,
 ) -> Solution:
     """Minimise from x, in place, until ‖g‖ ≤ tolerance · max(‖x‖, 1) (paper, Sec. 5.2).
 
@@ -104,6 +106,7 @@ def minimise(
             Newton's method.
         refresh: called before each iteration with x and the iterations so far; true means that the preconditioner
             was changed, so the memory starts anew.
+        deadline: on the clock of `time.perf_counter`, after which no further iteration is begun.
 
     Returns:
         The record of the solve; x is never worse than where it started.
@@ -118,6 +121,8 @@ def minimise(
         norm = float(np.linalg.norm(g))
         if norm <= tolerance * max(float(np.linalg.norm(x)), 1.0):
             return Solution(f, norm, iteration, evaluations, Reason.CONVERGED)
+        if time.perf_counter() > deadline:
+            return Solution(f, norm, iteration, evaluations, Reason.ITERATIONS_SPENT)
         if refresh is not None and refresh(x, iteration):
             memory.clear()
         d = memory.direction(g, precondition)

@@ -5,6 +5,10 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+
+from ldsim.arrays import Indices
+
 
 class Reason(IntEnum):
     """Why a minimiser stopped; the compiled minimisers return the number."""
@@ -22,6 +26,15 @@ class Reason(IntEnum):
             Reason.NO_DECREASE: "the line search found no decrease",
             Reason.INFINITE_START: "the starting point has infinite energy",
         }[self]
+
+
+def failures(reasons: Indices) -> str:
+    """How many of some steps did not converge, and why most of these, in words; empty where all did."""
+    failed = reasons[reasons != Reason.CONVERGED]
+    if len(failed) == 0:
+        return ""
+    commonest = Reason(int(np.bincount(failed).argmax())).words
+    return f"{len(failed)} of {len(reasons)} steps did not converge ({commonest})"
 
 
 class Solution(NamedTuple):

@@ -1,68 +1,103 @@
-"""Where motions run side by side: a Dask cluster on this machine, or one that is there already."""
+"""Where motions run side by side: processes of this machine, which listen on no port, or a Dask cluster."""
 
 from __future__ import annotations
 
 import contextlib
-import logging
+import importlib
+import multiprocessing
+import os
 import signal
-import warnings
+import threading
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Executor, Future
-
-import dask
-from distributed import Client, LocalCluster, WorkerPlugin
-from distributed.scheduler import KilledWorker
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 
 from ldsim.errors import SolverError
 
-CONNECT_SECONDS = 10
-# A worker is deaf while it compiles or factorises, which may take minutes; that does not make it dead.
-CONFIGURATION = {
-    "distributed.scheduler.worker-ttl": None,
-    "distributed.comm.timeouts.connect": f"{CONNECT_SECONDS}s",
-    "distributed.admin.tick.limit": "1h",
-}
+
+class WorkerDied(SolverError):
+    """A process ended in the middle of a motion."""
 
 
-class LeaveInterruptsToTheParent(WorkerPlugin):
-    """Ctrl-C reaches every process of the terminal; the workers end when the parent does, without a traceback."""
+@dataclass(frozen=True)
+class Workers:
+    """Processes to give motions to.
 
-    def setup(self, worker: object) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Attributes:
+        pool: what takes tasks.
+        died: what a task ends with whose process died.
+        tries: how often a motion is begun before its deaths are told; a cluster counts them by itself.
+    """
+
+    pool: Executor
+    died: type[Exception]
+    tries: int
 
 
 @contextlib.contextmanager
-def executor(workers: int, scheduler: str | None) -> Iterator[Executor]:
-    """An executor whose tasks run in other processes; a task whose process dies is run again, three times at most.
+def started(workers: int, scheduler: str | None) -> Iterator[Workers]:
+    """Workers for the length of a block; where it ends by an error, those of this machine end at once.
 
     Args:
         workers: processes to start on this machine, where no scheduler is given.
-        scheduler: address of a Dask scheduler that is running, such as `tcp://host:8786`.
+        scheduler: address of a Dask scheduler that is running, such as `tls://host:8786`.
 
     Raises:
-        SolverError: nothing that is a Dask scheduler answers at the address.
+        SolverError: nothing that is a Dask scheduler answers at the address, or Dask is not installed.
     """
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(CONFIGURATION))
-        if scheduler is not None:
-            client = stack.enter_context(_client(scheduler))
-        else:
-            client = stack.enter_context(Client(stack.enter_context(local_cluster(workers))))
-            client.register_plugin(LeaveInterruptsToTheParent())
-        pool: Executor = client.get_executor(pure=False)
-        yield pool
+    if scheduler is not None:
+        with _dask(scheduler) as found:
+            yield found
+        return
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _attend)
+    try:
+        yield Workers(pool, BrokenProcessPool, tries=3)
+        pool.shutdown()
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()  # every frame is on disk
+        pool.shutdown(cancel_futures=True)
+        raise
 
 
-def result(future: Future[None]) -> None:
+def _attend() -> None:
+    """In a worker: Ctrl-C is left to the parent, and without a parent there is no worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
+
+
+def _dask(scheduler: str) -> contextlib.AbstractContextManager[Workers]:
+    try:
+        dask = importlib.import_module("ldsim.pipeline.dask_cluster")
+    except ImportError as error:
+        raise SolverError(
+            f"a scheduler needs Dask, which is not installed ({error}); pip install 'ldsim[cluster]', or leave "
+            "--scheduler out to run on this machine"
+        ) from error
+    found: contextlib.AbstractContextManager[Workers] = dask.connected(scheduler)
+    return found
+
+
+def result(future: Future[None], died: type[Exception] = BrokenProcessPool) -> None:
     """Raise what a task failed with, in words where the task itself was not at fault.
 
     Raises:
-        SolverError: its workers died, the scheduler went away, or the worker lacks a package.
+        WorkerDied: its process did.
+        SolverError: it ran out of memory, the scheduler went away, or the worker lacks a package.
     """
     try:
         future.result()
-    except KilledWorker as error:
-        raise SolverError(
+    except died as error:
+        raise WorkerDied(
             "worker processes died again and again on one motion (out of memory?); finished frames are kept — run "
             "again to continue, with a smaller snapshot.workers if memory is short"
         ) from error
@@ -76,30 +111,4 @@ def result(future: Future[None]) -> None:
     except ImportError as error:
         raise SolverError(
             f"a worker cannot import what it needs ({error}); install the same version of ldsim there as here"
-        ) from error
-
-
-def local_cluster(workers: int) -> LocalCluster:
-    """Processes of one thread each, that are never restarted for their memory and end when this process does."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address=None,
-            memory_limit=None,
-            silence_logs=logging.CRITICAL,
-        )
-
-
-def _client(scheduler: str) -> Client:
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    try:
-        return Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError, ImportError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise SolverError(
-            f"no Dask scheduler answers at {scheduler!r} ({reason}); start one with `dask scheduler`, give the address "
-            "that it prints, or leave --scheduler out to run on this machine. Finished frames are kept"
         ) from error

@@ -93,10 +93,13 @@ def _restarted(stepper: ReducedStepper, reference: Reference, every: int) -> Ite
             u = [reference.displacement(scene, first - back) for back in (1, 2)]
             pins = [loads.pins(first - back) if first >= back else () for back in (1, 2)]
             start = stepper.state(u[0], u[1], (pins[0], pins[1]))
-        for frame in simulate(stepper, motion, start, range(first, min(first + every, motion.frames)), held):
+        state, stop = stepper.rest() if start is None else start, min(first + every, motion.frames)
+        for frame in simulate(stepper, motion, start, range(first, stop), held):
+            if frame.lost:  # this window alone: its last good shape is held to its end, and judged there
+                yield from (frame._replace(number=i, state=state, lost=False) for i in range(frame.number, stop))
+                break
+            state = frame.state
             yield frame
-            if frame.lost:
-                return
 
 
 def _recorded(

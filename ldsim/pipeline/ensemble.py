@@ -1,6 +1,6 @@
 """Full-space runs of many motions, side by side, each resumable at the frame it had reached.
 
-Motions are independent, so each is a task of a Dask cluster, run with one thread. A task appends its frames to a file
+Motions are independent, so each is a task of its own process, run with one thread. A task appends its frames to a file
 and replaces a checkpoint after each. Whoever is interrupted, or takes over from a worker that died, goes on from there
 and repeats an undisturbed run exactly, because the checkpoint holds all that the next step depends on.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from ldsim.dynamics.simulate import Frame, simulate
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion
-from ldsim.pipeline.cluster import executor, result
+from ldsim.pipeline.cluster import WorkerDied, result, started
 
 POLL_SECONDS = 0.5
 
@@ -56,20 +56,38 @@ def run_motions(
     scene_path, folder = scene_path.resolve(), folder.resolve()
     n_vertices = read_scene(scene_path)[0].mesh.n_vertices
     stores = [MotionStore(folder, motion) for motion in motions]
-    longest_first = sorted(motions, key=lambda motion: -motion.frames)
-    with executor(min(workers, len(motions)), scheduler) as pool:
-        lease = Lease.taken(folder)
-        try:
-            pending: set[Future[None]] = {
-                pool.submit(run_motion, scene_path, lease, motion, options) for motion in longest_first
-            }
-            while pending:
-                done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-                progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(pending))
-                for future in done:
-                    result(future)
-        finally:
-            lease.given_back()
+    waiting = sorted(motions, key=lambda motion: -motion.frames)
+
+    def show() -> None:
+        progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(waiting))
+
+    deaths = 0
+    while waiting:
+        with started(min(workers, len(waiting)), scheduler) as found:
+            before, lease = len(waiting), Lease.taken(folder)
+            try:
+                tasks = {
+                    found.pool.submit(run_motion, scene_path, lease, motion, options): motion for motion in waiting
+                }
+                for future in _finished(tasks, show):
+                    result(future, found.died)
+                    waiting.remove(tasks[future])
+                    show()
+            except WorkerDied:
+                deaths = 1 if len(waiting) < before else deaths + 1
+                if deaths >= found.tries:
+                    raise
+            finally:
+                lease.given_back()
+
+
+def _finished(tasks: Iterable[Future[None]], show: Callable[[], None]) -> Iterator[Future[None]]:
+    """Each task as it ends; now and then it is shown how far all are."""
+    pending = set(tasks)
+    while pending:
+        done, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+        show()
+        yield from done
 
 
 def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOptions) -> None:
@@ -78,6 +96,8 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
     Raises:
         SolverError: the worker does not see the folder of the run, or another run took it over.
     """
+    if lease.taken_over:
+        raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
     if not lease.holds():
         raise SolverError(
             f"the worker on {socket.gethostname()} does not see {lease.folder} as it is here; all workers need the "

@@ -31,4 +31,6 @@ def resolve_path(text: str, base: Path) -> Path:
     if not path.exists():
         hint = f"; {DATA_VARIABLE} says where the paper's data lie, {DATA_ORIGIN}" if from_data else ""
         raise SettingsError(f"{path} does not exist{hint}")
+    if not path.is_file():  # a folder, a device or a pipe, which might never end
+        raise SettingsError(f"{path} is no file; give one that can be read to its end")
     return path

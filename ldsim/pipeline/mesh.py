@@ -15,7 +15,7 @@ from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Change, Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import read_mesh
-from ldsim.mesh.mesh import Mesh, check_cells, reoriented
+from ldsim.mesh.mesh import Mesh, reoriented
 from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.shapes import shaped
 from ldsim.pipeline.files import resolve_path
@@ -61,7 +61,6 @@ def described_scene(
         made, notes = _of_surface(options, progress, base, kept)
     else:
         (made, cell_data), notes = _volume(options, progress, base), {}
-    check_cells(made)
     pinned = pinned_vertices(made, options.pins)
     properties = _properties(options, made, cell_data)
     forces = [load_force(made, properties.density, load) for load in options.loads]
@@ -96,19 +95,19 @@ def _kept(path: Path, identity: str) -> Tets | None:
 
 def _volume(options: MeshOptions, progress: Progress, base: Path) -> tuple[Mesh, Numbers]:
     """The mesh of a shape or a file, and the numbers that the file gives to each cell."""
-    made, cell_data = (shaped(options.shape), {}) if options.shape is not None else _file(options, progress, base)
+    cell_data: Numbers = {}
+    if options.shape is not None:
+        made = shaped(options.shape)
+    else:
+        assert options.file is not None
+        read = read_mesh(resolve_path(options.file, base), options.scale)
+        if read.dropped_vertices:
+            progress.tell(f"{read.dropped_vertices} vertices that no cell uses were dropped")
+        made, cell_data = reoriented(read.mesh) if options.reorient else read.mesh, read.cell_data
     for _ in range(options.refine):
         made = refined(made)
         cell_data = {name: np.repeat(values, CHILDREN) for name, values in cell_data.items()}
     return made, cell_data
-
-
-def _file(options: MeshOptions, progress: Progress, base: Path) -> tuple[Mesh, Numbers]:
-    assert options.file is not None
-    read = read_mesh(resolve_path(options.file, base), options.scale)
-    if read.dropped_vertices:
-        progress.tell(f"{read.dropped_vertices} vertices that no cell uses were dropped")
-    return reoriented(read.mesh) if options.reorient else read.mesh, read.cell_data
 
 
 def _properties(options: MeshOptions, made: Mesh, cell_data: Numbers) -> Properties:

@@ -19,7 +19,7 @@ from ldsim.mechanics.options import (
 )
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
-from ldsim.options import Field, Options, Positive, Seed, Vector, exactly_one, model_validator
+from ldsim.options import Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
 
 
 class MeshOptions(Options):
@@ -64,7 +64,7 @@ class MeshOptions(Options):
 class MotionOptions(Options):
     """One motion: what pulls on the solid, and whether the model may learn from it."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the motion in every artefact.")]
+    name: Annotated[Name, Field(description="Name of the motion in every artefact.")]
     role: Annotated[
         Literal["train", "heldout"] | None,
         Field(description="Whether the model may learn from it; left out, train, or as heldout_share chooses."),
@@ -91,7 +91,7 @@ class SnapshotOptions(FullOptions):
         Field(ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."),
     ] = 0.0
     heldout_seed: Annotated[Seed, Field(description="Of the choice of these.")] = 0
-    workers: Annotated[int, Field(ge=1, description="Motions that run side by side.")] = 2
+    workers: Annotated[int, Field(ge=1, le=1024, description="Motions that run side by side.")] = 2
 
     @model_validator(mode="after")
     def _distinct(self) -> SnapshotOptions:

@@ -14,7 +14,7 @@ from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import properties_of, with_properties
-from ldsim.optimise.solution import Reason
+from ldsim.optimise.solution import failures
 from ldsim.pipeline.comparison import Reference, compare_motion
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -97,13 +97,9 @@ def _novel_frames(runs: Mapping[str, Trajectory], novelty: Novelty | None) -> li
 
 
 def _failed_steps(runs: Mapping[str, Mapping[str, Trajectory]]) -> list[str]:
-    found = []
-    for space, motions in runs.items():
-        for name, trajectory in motions.items():
-            failed = int((trajectory.reason != Reason.CONVERGED).sum())
-            if trajectory.diverged:
-                found.append(f"{name} in the {space} space diverged")
-            elif failed:
-                worst = Reason(int(trajectory.reason.max())).words
-                found.append(f"{name} in the {space} space: {failed} steps did not converge ({worst})")
-    return found
+    found = {
+        f"{name} in the {space} space": "it diverged" if trajectory.diverged else failures(trajectory.reason)
+        for space, motions in runs.items()
+        for name, trajectory in motions.items()
+    }
+    return [f"{where}: {words}" for where, words in found.items() if words]

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
-from ldsim.mesh.mesh import Mesh
-from ldsim.mesh.surface import coarsened, surface_triangles
+from ldsim.mesh.surface import Surface, surface_triangles
 from ldsim.report.camera import first_look, upright
 from ldsim.report.replay_motions import MotionReplay, SpaceReplay, replay_motion
 from ldsim.report.runs import reduced_runs, title
@@ -55,7 +54,8 @@ def make_replay(run: Run) -> Replay | None:
     stride, names = _shown(run)
     if not names:
         return None
-    vertices, triangles = _surface(run.scene.mesh)
+    surface = Surface.of(run.scene.mesh, MAX_VERTICES)
+    vertices = surface.vertices
     motions = [replay_motion(run, name, stride, vertices) for name in names]
     every = [shown for motion in motions for shown in motion.spaces]
     modes, coordinates = _compressed(run, every, vertices)
@@ -66,8 +66,8 @@ def make_replay(run: Run) -> Replay | None:
     data = first_look(run.scene) | {
         "low": low.tolist(),
         "high": high.tolist(),
-        "rest": packed(run.scene.mesh.vertices[vertices], "f4"),
-        "triangles": packed(triangles, "u2"),
+        "rest": packed(surface.rest, "f4"),
+        "triangles": packed(surface.triangles, "u2"),
         "modes": packed(modes16, "i2"),
         "scales": scales.tolist(),
         "motions": [_described(run, motion, stride, [next(left) for _ in motion.spaces]) for motion in motions],
@@ -103,13 +103,6 @@ def _shown(run: Run) -> tuple[int, list[str]]:
     while len(names) > 1 and frames() > room * longest:
         names.pop()
     return max(-(-frames() // room), 1), names
-
-
-def _surface(mesh: Mesh) -> tuple[Indices, Indices]:
-    """The mesh's vertices that are drawn, (v,), and triangles in their numbering, (t, 3)."""
-    triangles = coarsened(mesh.vertices, surface_triangles(mesh), MAX_VERTICES)
-    vertices, numbers = np.unique(triangles, return_inverse=True)
-    return vertices.astype(np.int64), numbers.reshape(triangles.shape).astype(np.int64)
 
 
 def _compressed(run: Run, every: Sequence[SpaceReplay], vertices: Indices) -> tuple[Array, list[Array]]:

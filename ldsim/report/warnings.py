@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ldsim.arrays import Indices
-from ldsim.optimise.solution import Reason
+from ldsim.optimise.solution import failures
 from ldsim.report.runs import runs
 from ldsim.report.schema import MM_PER_M, RunNumbers
 from ldsim.report.wording import readable
@@ -121,17 +118,11 @@ def _changed_material(run: Run) -> list[str]:
 
 def _unconverged_steps(run: Run) -> list[str]:
     """One sentence for each run with steps that stopped early; a run that diverged has its own warning."""
-    found = [_unconverged("snapshots (full space)", name, recorded.reason) for name, recorded in run.motions.items()]
+    found = {
+        f"snapshots (full space) of motion {name}": failures(recorded.reason) for name, recorded in run.motions.items()
+    }
     for space in SPACES:
         for name, trajectory in runs(run, space).items():
             if not trajectory.diverged:
-                found.append(_unconverged(f"{space} run", name, trajectory.reason))
-    return [sentence for sentence in found if sentence]
-
-
-def _unconverged(what: str, motion: str, reason: Indices) -> str:
-    failed = reason[reason != Reason.CONVERGED]
-    if len(failed) == 0:
-        return ""
-    commonest = Reason(int(np.bincount(failed).argmax())).words
-    return f"In the {what} of motion {motion}, {len(failed)} of {len(reason)} steps did not converge ({commonest})."
+                found[f"{space} run of motion {name}"] = failures(trajectory.reason)
+    return [f"In the {what}, {words}." for what, words in found.items() if words]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
-from ldsim.options import Options, checked_options, read_options
+from ldsim.options import Name, Options, checked_options, read_options
 from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
@@ -19,7 +19,7 @@ from ldsim.space.options import PcaOptions
 class Settings(Options):
     """One experiment."""
 
-    experiment: str = Field(pattern=r"^[A-Za-z0-9_.-]+$", description="Name; files lie in runs/<experiment>/.")
+    experiment: Annotated[Name, Field(description="Name; files lie in runs/<experiment>/.")]
     mesh: MeshOptions
     snapshot: SnapshotOptions
     pca: PcaOptions = PcaOptions()

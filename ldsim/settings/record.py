@@ -105,7 +105,7 @@ def starting_settings(source: Path, config: Path, options: RecordOptions) -> Set
     file = os.path.relpath(source, config.parent)
     recording = os.path.relpath(options.output, config.parent)
     content = {
-        "experiment": re.sub(r"[^A-Za-z0-9_.-]+", "-", source.stem),
+        "experiment": re.sub(r"[^A-Za-z0-9_.-]+", "-", source.stem).lstrip(".")[:100] or "solid",
         "mesh": {
             **({"surface": {"file": file, "cells": FINE_CELLS}} if surface else {"file": file}),
             "scale": scale,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from ldsim.dynamics.full.options import FullOptions
@@ -13,7 +14,12 @@ from ldsim.space.space import Space
 
 
 def load(
-    run: str | Path, space: str = "latent", *, points: int | None = None, tolerance: float | None = None
+    run: str | Path,
+    space: str = "latent",
+    *,
+    points: int | None = None,
+    tolerance: float | None = None,
+    seconds: float = math.inf,
 ) -> Simulator:
     """A simulator of a finished run.
 
@@ -23,15 +29,16 @@ def load(
         points: use the largest cubature of at most so many points of the mesh instead of the one that was chosen.
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 10⁻⁴ of the solid's weight in a
             reduced space, 10⁻⁶ N in the full one.
+        seconds: after which a step of the full space begins no further iteration, however large its residual is then.
 
     Raises:
         ArtefactError: an artefact is missing, damaged, or was made from other files than those beside it.
     """
     with Run.open(run) as opened:
         found = opened.space(space, points)
-        return Simulator(found, opened.stepper(found, tolerance))
+        return Simulator(found, opened.stepper(found, tolerance, seconds))
 
 
-def full_simulator(scene: Scene, tolerance: float = 1e-6) -> Simulator:
-    """A simulator of a scene in the full space, every vertex free."""
-    return Simulator(Space.full(scene), FullStepper(scene, FullOptions(tolerance=tolerance)))
+def full_simulator(scene: Scene, tolerance: float = 1e-6, seconds: float = math.inf) -> Simulator:
+    """A simulator of a scene in the full space, every vertex free; see `load`."""
+    return Simulator(Space.full(scene), FullStepper(scene, FullOptions(tolerance=tolerance), seconds=seconds))

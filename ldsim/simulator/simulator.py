@@ -136,11 +136,6 @@ class Simulator:
         usual_stiffness, usual_radius = usual_grip(self.scene)
         stiffness = usual_stiffness if stiffness is None else stiffness
         radius = usual_radius if radius is None else radius
-        if not 0 < stiffness < np.inf or not 0 <= radius < np.inf:
-            raise MotionError(
-                f"a grab of stiffness {stiffness:g} N/m and radius {radius:g} m; "
-                "the stiffness must be positive, the radius not negative, both finite"
-            )
         place = _vector(target, "target", "m")
         drag = Drag(self._number, _vector(point, "point", "m"), place[None], radius, stiffness, at_rest)
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
@@ -222,19 +217,27 @@ class Simulator:
 
     def _attempt(self, loads: Loads) -> tuple[Any, list[Solution], Outcome]:
         """The next state: in motion, else with what was kept from earlier steps renewed, else from standstill."""
-        stepper, tries = self._stepper, list[Solution]()
-        state, solution = stepper.step(self._state, loads)
+        tries = list[Solution]()
+        state, solution = self._tried(self._state, loads)
         tries.append(solution)
         if solution.reason == Reason.NO_DECREASE and not self._lost(state, solution):
-            other, solution = stepper.step(self._state.renewed(), loads)
+            other, solution = self._tried(self._state.renewed(), loads)
             tries.append(solution)
             state = other if not self._lost(other, solution) else state
         if not self._lost(state, solution):
             return state, tries, Outcome.SOLVED if solution.converged else Outcome.SHORT
         standing = self._state.standing()
-        state, solution = stepper.step(standing, loads)
+        state, solution = self._tried(standing, loads)
         tries.append(solution)
         return (standing, tries, Outcome.HELD) if self._lost(state, solution) else (state, tries, Outcome.SLOWED)
+
+    def _tried(self, state: Any, loads: Loads) -> tuple[Any, Solution]:
+        """A step; one that cannot even be begun, as where no factor can be made, led nowhere."""
+        try:
+            found: tuple[Any, Solution] = self._stepper.step(state, loads)
+        except (SolverError, ArithmeticError, np.linalg.LinAlgError):
+            return state, Solution(np.inf, np.inf, 0, 0, Reason.INFINITE_START)
+        return found
 
     def _lost(self, state: Any, solution: Solution) -> bool:
         """Whether a step led nowhere, to a state that is not finite, or out of bounds."""

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
+from ldsim.errors import SolverError
+
 Array = NDArray[np.float64]
 
 
@@ -39,7 +41,13 @@ class Basis:
         return self.fields.reshape(-1, self.k)
 
     def columns(self, k: int) -> Basis:
-        """The basis of the first k columns."""
+        """The basis of the first k columns.
+
+        Raises:
+            SolverError: it has fewer.
+        """
+        if not 1 <= k <= self.k:
+            raise SolverError(f"{k} columns of a basis are asked for; it has {self.k}")
         return replace(self, fields=np.ascontiguousarray(self.fields[:, :, :k]))
 
     def project(self, u: NDArray[np.floating]) -> Array:
@@ -56,7 +64,13 @@ class Basis:
 
 
 def inner_product(mass: csr_array, kind: str) -> csr_array:
-    """The scalar matrix (n, n) of an inner product, "mass" or "euclidean"."""
+    """The scalar matrix (n, n) of an inner product, "mass" or "euclidean".
+
+    Raises:
+        SolverError: another one.
+    """
+    if kind not in ("mass", "euclidean"):
+        raise SolverError(f"inner product is {kind!r}; known are mass, euclidean")
     return mass if kind == "mass" else csr_array(eye_array(mass.shape[0]))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -184,6 +185,22 @@ def decode_jacobian(layers: Layers, hidden: Array, tangents: Array, jacobian: Ar
                 jacobian[i, j] += layers.skip[i, j]
 
 
+def check_layers(weights: Sequence[Array], biases: Sequence[Array], activation: str) -> None:
+    """Refuse what is no perceptron.
+
+    Raises:
+        ValueError: see `Decoder.network`.
+    """
+    shapes = [(w.shape, b.shape) for w, b in zip(weights, biases, strict=True)]
+    chained = all(w.ndim == 2 and w.size and b.shape == w.shape[1:] for w, b in zip(weights, biases, strict=True))
+    if not shapes or not chained or any(a != b[:1] for (_, a), (b, _) in pairwise(shapes)):
+        raise ValueError(f"layers have weights and biases of shapes {shapes}; expected (in, out) and (out,), chained")
+    if not all(np.isfinite(values).all() for values in (*weights, *biases)):
+        raise ValueError("a weight or a bias of a network is not finite")
+    if activation not in ACTIVATIONS:
+        raise ValueError(f"activation is {activation!r}; known are {', '.join(ACTIVATIONS)}")
+
+
 @dataclass(frozen=True, eq=False)
 class Decoder:
     """φ: R^r → R^k with φ(0) = 0, ready for the compiled loops.
@@ -210,11 +227,15 @@ class Decoder:
         """A perceptron of (in, out) weights and (out,) biases, less its value at 0, plus the skip Aᵀ (r, k).
 
         Raises:
-            ValueError: the skip has another shape, which the compiled loops would not notice.
+            ValueError: shapes that do not chain, which the compiled loops would not notice, numbers that are not
+                finite, or an unknown activation.
         """
+        check_layers(weights, biases, activation)
         sizes = np.array([weights[0].shape[0], *(w.shape[1] for w in weights)], dtype=np.int64)
-        if skip is not None and skip.shape != (sizes[0], sizes[-1]):
-            raise ValueError(f"the skip has shape {skip.shape}; expected (r, k) = ({sizes[0]}, {sizes[-1]})")
+        if skip is not None and (skip.shape != (sizes[0], sizes[-1]) or not np.isfinite(skip).all()):
+            raise ValueError(
+                f"the skip has shape {skip.shape}; expected (r, k) = ({sizes[0]}, {sizes[-1]}), all finite"
+            )
         flat = np.concatenate([np.ascontiguousarray(w, dtype=np.float64).ravel() for w in weights])
         offsets = np.concatenate([np.asarray(b, dtype=np.float64) for b in biases])
         matrix = np.empty((0, 0)) if skip is None else np.ascontiguousarray(skip, dtype=np.float64)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.space.decoder import Decoder
+from ldsim.space.decoder import Decoder, check_layers
 
 Array = NDArray[np.float64]
 
@@ -30,11 +30,18 @@ class Encoder:
         weights: (in, out) float64 of each layer.
         biases: (out,) float64 of each layer.
         activation: a name of `activation.ACTIVATIONS`.
+
+    Raises:
+        ValueError: see `Decoder.network`.
     """
 
     weights: tuple[Array, ...]
     biases: tuple[Array, ...]
     activation: str = "elu"
+
+    def __post_init__(self) -> None:
+        if self.weights:
+            check_layers(self.weights, self.biases, self.activation)
 
     def __call__(self, q: Array) -> Array:
         """z for a batch q, (N, k) → (N, r) float64."""

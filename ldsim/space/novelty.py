@@ -38,11 +38,20 @@ class Novelty:
         landmarks: training codes, (L, r) float64.
         reach: the distance to the nearest landmark that 99 % of the training codes stay within.
         threshold: the score from which on to warn.
+
+    Raises:
+        ValueError: no landmark, or a number that is not finite or not positive.
     """
 
     landmarks: Array
     reach: float
     threshold: float
+
+    def __post_init__(self) -> None:
+        if self.landmarks.ndim != 2 or not len(self.landmarks) or not np.isfinite(self.landmarks).all():
+            raise ValueError(f"landmarks of shape {self.landmarks.shape}; must be (L, r) finite codes, L > 0")
+        if not 0 < self.reach < math.inf or not 0 <= self.threshold < math.inf:
+            raise ValueError(f"reach is {self.reach:g}, threshold {self.threshold:g}; must be positive and finite")
 
     def __call__(self, z: Array) -> Array:
         """Scores of codes (N, r); (N,) float64, NaN where a code is not finite."""

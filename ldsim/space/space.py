@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.cubature.rule import CubatureRule
+from ldsim.errors import SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
@@ -40,6 +41,9 @@ class Space:
         lifting: pins that may move; None where all stand still.
         novelty: how far a latent state is from those trained on; None where that is not known.
         compliance: what forces move beside the coordinates, in a condensed space; None elsewhere.
+
+    Raises:
+        SolverError: sizes that do not belong together, which the compiled loops would not notice.
     """
 
     name: str
@@ -51,6 +55,24 @@ class Space:
     lifting: Lifting | None = None
     novelty: Novelty | None = None
     compliance: Compliance | None = None
+
+    def __post_init__(self) -> None:
+        k, points = 3 * self.scene.mesh.n_vertices, self.rule.points
+        if self.basis is not None:
+            vertices, k = len(self.basis.fields), self.basis.k
+            if vertices != self.scene.mesh.n_vertices:
+                raise SolverError(f"the basis has {vertices} vertices, the scene {self.scene.mesh.n_vertices}")
+        if self.decoder.k != k:
+            raise SolverError(f"the decoder gives {self.decoder.k} coordinates, the space has {k}; train it anew")
+        if points.max(initial=0) >= self.scene.points.n_points:
+            raise SolverError(
+                f"cubature rule has the point {points.max()}, the scene {self.scene.points.n_points} of them; use the "
+                "scene it was fitted on"
+            )
+        if self.rule.maps is not None and self.rule.maps.shape[2] != k:
+            raise SolverError(f"cubature has strain maps of {self.rule.maps.shape[2]} columns; the basis has {k}")
+        if self.novelty is not None and self.novelty.landmarks.shape[1] != self.decoder.r:
+            raise SolverError(f"landmarks have {self.novelty.landmarks.shape[1]} numbers, codes {self.decoder.r}")
 
     def by_material(self) -> Space:
         """Itself with the rule's points sorted by material, so that a step chooses one once for a block of points."""

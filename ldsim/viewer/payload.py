@@ -9,6 +9,7 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,7 @@ def space_block(simulator: Simulator) -> bytes:
     )
 
 
-@dataclass(frozen=True)
-class SpaceFrame:
+class SpaceFrame(NamedTuple):
     """One space in a frame: coordinates (k,), or (3v,) in the full space, and the statistics of its last step."""
 
     coordinates: NDArray[np.float32]
@@ -97,19 +97,9 @@ def frame_bytes(
     """
     parts = [struct.pack("<BBBBIffII", FRAME, len(spaces), len(grabs), flags, number, seconds, rate, 0, 0)]
     for space in spaces:
-        q = np.ascontiguousarray(space.coordinates, dtype="<f4")
-        parts.append(
-            struct.pack(
-                "<IfffIIf",
-                len(q),
-                space.milliseconds,
-                space.iterations,
-                space.evaluations,
-                space.outcome,
-                space.troubled,
-                space.novelty,
-            )
-        )
+        coordinates, *numbers = space
+        q = np.ascontiguousarray(coordinates, dtype="<f4")
+        parts.append(struct.pack("<IfffIIf", len(q), *numbers))
         parts.append(q.tobytes())
     for grab in grabs:
         parts.append(struct.pack("<I", grab.id) + grab.target.astype("<f4").tobytes())

@@ -17,6 +17,8 @@ from ldsim.viewer.session import Session
 
 # The full space of a larger mesh steps too slowly to be pulled by hand.
 FULL_VERTICES = 3000
+# The longest that the page waits for one step of it: what is found by then is shown.
+STEP_SECONDS = 0.25
 
 
 def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool) -> Server:
@@ -26,7 +28,7 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
         ArtefactError: what the spaces need is missing or stale.
         LdsimError: the full space is asked for on a mesh that is too fine.
     """
-    first = [load(run, space) for space in dict.fromkeys(spaces)]
+    first = [load(run, space, seconds=STEP_SECONDS) for space in dict.fromkeys(spaces)]
     scene = first[0].scene
     coarse = scene.mesh.n_vertices <= FULL_VERTICES
     if "full" in spaces and not coarse:
@@ -37,7 +39,7 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
     for simulator in first:
         _warm(simulator)
     offered = [space for space in reversed(SPACES) if space != "full" or coarse]
-    session = Session(lambda space: load(run, space), offered, first)
+    session = Session(lambda space: load(run, space, seconds=STEP_SECONDS), offered, first)
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
 
 
@@ -53,7 +55,7 @@ def record_server(scene: Scene, title: str, recorder: Recorder, port: int, until
             "coarser mesh of the same solid, with --mesh, --resolution or --cells (the motion is replayed on the fine "
             "one)"
         )
-    simulator = full_simulator(scene)
+    simulator = full_simulator(scene, seconds=STEP_SECONDS)
     _warm(simulator)
     session = Session(lambda space: simulator, ["full"], [simulator], recorder)
     return Server(session, _solid([simulator], title, "record"), port, until_closed)

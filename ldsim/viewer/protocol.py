@@ -112,3 +112,5 @@ def parse(text: str | bytes) -> Message:
         first = error.errors()[0]
         where = ".".join(str(key) for key in first["loc"][1:])
         raise ProtocolError(f"not a message of the page: {text[:80]!r} ({where} {first['msg'].lower()})") from error
+    except (ValueError, OverflowError, RecursionError) as error:  # numbers of hundreds of digits, deep brackets
+        raise ProtocolError(f"not a message of the page: {text[:80]!r} ({type(error).__name__})") from error

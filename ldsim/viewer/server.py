@@ -7,6 +7,7 @@ import errno
 import json
 import secrets
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -14,7 +15,6 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.typing import Origin
 
 from ldsim import web
 from ldsim.errors import LdsimError
@@ -26,6 +26,8 @@ ADDRESS = "127.0.0.1"
 # A page that is closed and not opened again for so long has left.
 GRACE = 3.0
 MAX_PAGES = 8
+# Texts kept for a page that does not read, the newest; bytes of the reason in a frame that closes a socket (RFC 6455).
+MAX_TEXTS, MAX_REASON = 100, 123
 HTML = web.playground('<link rel="stylesheet" href="style.css">', '<script src="app.js"></script>')
 PAGE = {
     "": (HTML, "text/html; charset=utf-8"),
@@ -45,7 +47,7 @@ class Client:
     number: int
     frame: bytes | None = None
     colours: dict[int, bytes] = field(default_factory=dict)
-    texts: list[str] = field(default_factory=list)
+    texts: deque[str] = field(default_factory=lambda: deque(maxlen=MAX_TEXTS))
     news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def take(self) -> list[str | bytes]:
@@ -53,7 +55,8 @@ class Client:
         waiting: list[str | bytes] = [*self.texts, *self.colours.values()]
         if self.frame is not None:
             waiting.append(self.frame)
-        self.texts, self.colours, self.frame = [], {}, None
+        self.texts.clear()
+        self.colours, self.frame = {}, None
         self.news.clear()
         return waiting
 
@@ -93,6 +96,7 @@ class Server:
                 compression=None,
                 ping_interval=None,  # a page that is busy drawing is not gone, and one that is gone closes its socket
                 server_header=None,
+                close_timeout=2.0,
             )
         except (OSError, OverflowError) as error:
             taken = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
@@ -127,8 +131,11 @@ class Server:
         """The page's files and blocks; None lets the socket through."""
         path = request.path.partition("?")[0]
         token, _, name = path.removeprefix("/").partition("/")
-        if request.headers.get("Host") not in self._hosts or not secrets.compare_digest(
-            token.encode(), self._token.encode()
+        hosts = request.headers.get_all("Host")
+        if (
+            len(hosts) != 1
+            or hosts[0] not in self._hosts
+            or not secrets.compare_digest(token.encode(), self._token.encode())
         ):
             return _response(403, "Forbidden", b"open the address that ldsim printed\n")
         if name == "socket":
@@ -143,8 +150,8 @@ class Server:
 
     def _admit(self, request: Request) -> Response | None:
         """Only a page of this server, and not too many of them."""
-        origin = request.headers.get("Origin")
-        if origin not in [Origin(f"http://{host}") for host in self._hosts]:
+        origins = request.headers.get_all("Origin")
+        if len(origins) != 1 or origins[0] not in [f"http://{host}" for host in self._hosts]:
             return _response(403, "Forbidden", b"the socket is for the page of this server\n")
         if len(self._clients) >= MAX_PAGES:
             return _response(503, "Service Unavailable", b"too many pages are open\n")
@@ -161,13 +168,10 @@ class Server:
         sending = asyncio.create_task(_send(connection, client))
         try:
             async for text in connection:
-                try:
-                    message = parse(text)
-                except ProtocolError as error:
-                    await connection.close(1008, str(error)[:100])
-                    break
-                if not self._session.tell(client.number, message):
-                    await connection.close(1008, "too many messages")
+                reason = self._obeyed(client, text)
+                if reason:
+                    self._leave(client)  # now: a page that does not answer holds its place until the close times out
+                    await connection.close(1008, reason.encode()[:MAX_REASON].decode(errors="ignore"))
                     break
         except ConnectionClosed:
             pass
@@ -175,7 +179,17 @@ class Server:
             sending.cancel()
             self._leave(client)
 
+    def _obeyed(self, client: Client, text: str | bytes) -> str:
+        """Pass a message on; returns why it was not, or nothing."""
+        try:
+            message = parse(text)
+        except ProtocolError as error:
+            return str(error)
+        return "" if self._session.tell(client.number, message) else "too many messages"
+
     def _leave(self, client: Client) -> None:
+        if client not in self._clients:
+            return
         self._clients.discard(client)
         self._session.tell(client.number, None)
         if not self._clients:

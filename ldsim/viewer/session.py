@@ -95,12 +95,22 @@ class Session:
                 self._watched.wait()
                 before = time.perf_counter()
             started = time.perf_counter()
-            self.obey()
             debt += (started - before) * self.look.speed
             before = started
+            debt = self._tick(debt)
+            time.sleep(max(TICK - (time.perf_counter() - started), 0.001))
+
+    def _tick(self, debt: float) -> float:
+        """Obey, step and publish once; whatever goes wrong is told and costs the shape, never the page."""
+        try:
+            self.obey()
             debt = self.advance(debt)
             self.publish()
-            time.sleep(max(TICK - (time.perf_counter() - started), 0.001))
+        except Exception as error:
+            self._reset()
+            self._audience.notice(f"back at rest, because of an error in a step: {error!r}")
+            return 0.0
+        return debt
 
     def obey(self) -> None:
         """Do all that was told since the last time."""

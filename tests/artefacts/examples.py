@@ -23,7 +23,7 @@ from ldsim.artefacts.records import (
     write_scene,
 )
 from ldsim.artefacts.simulation import read_simulation, write_simulation
-from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.snapshots import STATISTICS, Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
@@ -80,7 +80,7 @@ def model() -> StoredModel:
     up = [numbers(2, 6), numbers(6, 4)], [numbers(6), numbers(4)]
     down = (numbers(4, 6), numbers(6, 2)), (numbers(6), numbers(2))
     decoder, encoder = Decoder.network(*up, activation="tanh"), Encoder(*down, "tanh")
-    return StoredModel(decoder, encoder, numbers(9, 2), numbers(3, 3), numbers(2, 2), 7, 5)
+    return StoredModel(decoder, encoder, numbers(9, 2), numbers(3, 3), numbers(2, 2), 3, 5)
 
 
 def cubature() -> dict[str, RulePath]:
@@ -96,7 +96,7 @@ def cubature() -> dict[str, RulePath]:
 
 def simulation() -> dict[str, dict[str, Trajectory]]:
     def run(n: int, *size: int) -> Trajectory:
-        whole = Trajectory(counts(n), counts(n), counts(n), numbers(n))
+        whole = Trajectory(counts(n), counts(n), counts(n) % 4, numbers(n))
         if not size:
             return whole
         return Trajectory(
@@ -110,10 +110,20 @@ MOTIONS = (
     Motion(
         "b", 3, (Drag(0, numbers(3), numbers(2, 3), 0.1, 30.0), Drag(2, numbers(3), numbers(1, 3), 0.2, 40.0, True))
     ),
-    Motion("a", 2, (), numbers(2, 3), (Support(counts(3), numbers(2, 3, 4)), Support(counts(2), numbers(2, 3, 4) + 1))),
+    Motion(
+        "a",
+        2,
+        (),
+        numbers(2, 3),
+        (Support(np.array([0, 3]), numbers(2, 3, 4)), Support(np.array([1]), numbers(2, 3, 4) + 1)),
+    ),
 )
 FRAMES = {motion.name: numbers(motion.frames, 4, 3).astype(np.float32) for motion in MOTIONS}
 HELD = {0: np.array([1, 3]), 1: np.array([2])}
+
+
+def statistics_of(motion: Motion) -> tuple[NDArray[np.int64], ...]:
+    return counts(motion.frames), counts(motion.frames), counts(motion.frames) % 4
 
 
 def write_motions(path: Path, header: Header) -> None:
@@ -123,7 +133,7 @@ def write_motions(path: Path, header: Header) -> None:
         store.start()
         for u in FRAMES[motion.name]:
             store.append(u.astype(np.float64))
-        statistics = {name: counts(motion.frames) for name in ("iterations", "evaluations", "reason")}
+        statistics = dict(zip(STATISTICS, statistics_of(motion), strict=True))
         held = HELD if motion.drags else {}
         store.write_checkpoint(Checkpoint("", {"u": numbers(4, 3)}, held, statistics, numbers(motion.frames)))
         stores.append((store, motion, role))
@@ -152,7 +162,7 @@ def recorded_motions() -> object:
             role,
             HELD if motion.drags else {},
             FRAMES[motion.name],
-            (counts(motion.frames), counts(motion.frames), counts(motion.frames), numbers(motion.frames)),
+            (*statistics_of(motion), numbers(motion.frames)),
         )
         for motion, role in zip(MOTIONS, ("train", "heldout"), strict=True)
     ]

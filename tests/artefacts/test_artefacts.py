@@ -18,7 +18,7 @@ from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
 from ldsim.artefacts.store import Header, check_inputs, dataset_names, file_hash, read_header, reading
 from ldsim.errors import ArtefactError
 from tests.artefacts.examples import EXAMPLES, Example, same
-from tests.helpers import full_disk
+from tests.helpers import changed, full_disk
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -92,6 +92,11 @@ def test_a_foreign_file_is_refused(kind: str, artefact: Path, content: bytes) ->
 def test_a_foreign_hdf5_file_is_refused(kind: str, artefact: Path) -> None:
     with h5py.File(artefact, "w") as file:
         file["U"] = np.eye(3)
+    assert "is not an ldsim artefact" in refusal(EXAMPLES[kind], artefact)
+    with h5py.File(artefact, "w", userblock_size=512) as file:
+        file["U"] = np.eye(3)
+    with changed(artefact):
+        pass
     assert "lacks the attribute 'kind'" in refusal(EXAMPLES[kind], artefact)
 
 
@@ -113,7 +118,7 @@ def test_an_artefact_of_another_kind_is_refused(kind: str, other: str, artefact:
 @every_kind
 @pytest.mark.parametrize("version", [SCHEMA_VERSION + 1, SCHEMA_VERSION - 1, "two"])
 def test_another_schema_version_is_refused(kind: str, artefact: Path, version: object) -> None:
-    with h5py.File(artefact, "r+") as file:
+    with changed(artefact) as file:
         file.attrs["schema_version"] = version
     assert f"schema version {version}" in refusal(EXAMPLES[kind], artefact)
 
@@ -125,7 +130,7 @@ def every_dataset(change: Callable[[h5py.File, str], None], kind: str, artefact:
     whole = artefact.read_bytes()
     for name in names:
         artefact.write_bytes(whole)
-        with h5py.File(artefact, "r+") as file:
+        with changed(artefact) as file:
             change(file, name)
         message = refusal(EXAMPLES[kind], artefact)
         assert name in message
@@ -165,7 +170,7 @@ def test_a_dataset_that_must_be_there_is_missed(kind: str, artefact: Path) -> No
     whole = artefact.read_bytes()
     for name in names:
         artefact.write_bytes(whole)
-        with h5py.File(artefact, "r+") as file:
+        with changed(artefact) as file:
             del file[name]
         assert f"lacks the dataset {name!r}" in refusal(EXAMPLES[kind], artefact)
 
@@ -173,14 +178,14 @@ def test_a_dataset_that_must_be_there_is_missed(kind: str, artefact: Path) -> No
 @pytest.mark.parametrize("kind", ["model"])
 @pytest.mark.parametrize("name", ["decoder/weights_0", "decoder/biases_1", "encoder/weights_1", "encoder/biases_0"])
 def test_a_network_without_one_of_its_layers_is_refused(kind: str, artefact: Path, name: str) -> None:
-    with h5py.File(artefact, "r+") as file:
+    with changed(artefact) as file:
         del file[name]
     refusal(EXAMPLES[kind], artefact)
 
 
 @pytest.mark.parametrize("kind", ["basis"])
 def test_sizes_that_do_not_fit_each_other_are_refused(kind: str, artefact: Path) -> None:
-    with h5py.File(artefact, "r+") as file:
+    with changed(artefact) as file:
         del file["mean_error"]
         file["mean_error"] = np.ones(9)
     assert "dataset 'mean_error': found shape (9,), expected (e) with e = 4" in refusal(EXAMPLES[kind], artefact)
@@ -188,7 +193,7 @@ def test_sizes_that_do_not_fit_each_other_are_refused(kind: str, artefact: Path)
 
 @every_kind
 def test_a_dataset_that_no_schema_knows_is_refused(kind: str, artefact: Path) -> None:
-    with h5py.File(artefact, "r+") as file:
+    with changed(artefact) as file:
         file["surprise"] = 1.0
     assert "'surprise'" in refusal(EXAMPLES[kind], artefact)
 
@@ -201,7 +206,7 @@ def test_an_input_that_is_not_the_one_read_is_refused(tmp_path: Path) -> None:
     with reading(basis, "basis") as file:
         found = read_header(file)
     check_inputs(basis, found, {"scene": scene})
-    with h5py.File(scene, "r+") as file:
+    with changed(scene) as file:
         file["gravity"][1] = -1.0
     with pytest.raises(ArtefactError, match=r"basis\.h5 was made from another scene than .*scene\.h5"):
         check_inputs(basis, found, {"scene": scene})

@@ -8,19 +8,21 @@ from pathlib import Path
 
 import h5py
 
+from tests.helpers import changed
+
 
 def replace_kind(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs["kind"] = "basis" if file.attrs["kind"] == "scene" else "scene"
 
 
 def replace_experiment(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs["experiment"] = "other"
 
 
 def drop_dataset(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         names: list[str] = []
         file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
         del file[sorted(names)[0].split("/")[0]]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
-import h5py
 import numpy as np
 import pytest
 
 from ldsim.artefacts.store import file_hash
 from tests.cli.experiments import TINY, Experiment, change, refusal
+from tests.helpers import changed
 
 # Basis and model
 
@@ -19,7 +19,7 @@ def snapshots_of(value: float, everywhere: bool) -> Callable[[Experiment], None]
     """Put a value into one displacement of the training motion, or into all."""
 
     def spoil(experiment: Experiment) -> None:
-        with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+        with changed(experiment.run / "snapshots.h5") as file:
             data = file["motions/a/displacements"]
             if everywhere:
                 data[:] = value
@@ -56,7 +56,7 @@ def test_a_space_that_cannot_be_found(experiment: Experiment, case: str) -> None
 
 
 def test_no_motion_to_be_judged_on_is_said_in_one_line(experiment: Experiment) -> None:
-    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+    with changed(experiment.run / "snapshots.h5") as file:
         file["motions/b"].attrs["role"] = "train"
     assert experiment.invoke("pca").exit_code == 0
     result = experiment.invoke("train")
@@ -91,18 +91,18 @@ def test_a_bad_setting_of_cubature(experiment: Experiment, case: str) -> None:
 
 
 def test_poses_without_any_force(experiment: Experiment) -> None:
-    with h5py.File(experiment.run / "snapshots.h5", "r+") as file:
+    with changed(experiment.run / "snapshots.h5") as file:
         for motion in file["motions"].values():
             motion["displacements"][:] = 0.0
     hashes = {"snapshots": file_hash(experiment.run / "snapshots.h5")}
     for name in ("basis", "model"):
-        with h5py.File(experiment.run / f"{name}.h5", "r+") as file:
+        with changed(experiment.run / f"{name}.h5") as file:
             file.attrs["inputs"] = json.dumps(json.loads(file.attrs["inputs"]) | hashes)
         hashes[name] = file_hash(experiment.run / f"{name}.h5")
     assert "the elastic force of all 20 poses is zero" in refusal(experiment, "cubature")
 
 
 def test_a_model_of_another_scene(experiment: Experiment) -> None:
-    with h5py.File(experiment.run / "scene.h5", "r+") as file:
+    with changed(experiment.run / "scene.h5") as file:
         file["material/mu"][:] *= 2
     assert "scene.h5" in refusal(experiment, "cubature")

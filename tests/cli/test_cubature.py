@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import pytest
 
 from ldsim.artefacts.records import read_cubature
@@ -10,6 +9,7 @@ from ldsim.artefacts.simulation import read_simulation
 from ldsim.cli.cubature import MISSED
 from ldsim.errors import ArtefactError
 from tests.cli.experiments import TINY, Experiment
+from tests.helpers import changed
 
 CUBATURE = TINY["cubature"]
 
@@ -73,7 +73,7 @@ def test_simulate_takes_the_set_of_so_many_points(experiment: Experiment) -> Non
 
 def test_a_chosen_rule_that_is_not_on_the_path_is_refused(experiment: Experiment) -> None:
     path = experiment.run / "cubature.h5"
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         sizes = len(file["latent/path_sizes"])
         file["latent/chosen"][...] = sizes
     with pytest.raises(ArtefactError, match=rf"dataset 'latent/chosen': found {sizes}, expected 0 … {sizes - 1}"):

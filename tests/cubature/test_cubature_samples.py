@@ -211,7 +211,10 @@ def bad_inputs() -> dict[str, tuple[Callable[[], object], str]]:
     hookean = replace(case, scene=beam_scene((4, 2, 2), "tet4", "neo_hookean"))
     short = np.zeros((3, 3))
     return {
-        "decoder of another basis": (replace(case, decoder=Decoder.identity(5)).forces, "basis has shape"),
+        "decoder of another basis": (
+            replace(case, decoder=Decoder.identity(5)).forces,
+            "the decoder gives 5 coordinates",
+        ),
         "pins without their fields": (lambda: replace(case.poses(), given=np.zeros((20, 2))), "basis has shape"),
         "poses of another dimension": (lambda: case.forces(case.z[:, 1:]), "poses have shape"),
         "no poses": (lambda: case.forces(case.z[:0]), "poses have shape"),

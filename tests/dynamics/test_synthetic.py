@@ -10,6 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse import eye_array, kron
 
+from ldsim.cubature.choose import drawn_candidates
+from ldsim.cubature.options import FitOptions
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -54,6 +56,17 @@ def space(body: Scene, frames: Array) -> tuple[Array, ReducedStepper]:
     basis = Basis.of(U, body.mass)
     q = basis.project(frames)
     return q, synthetic_stepper(body, basis, q, seed=0)
+
+
+def test_the_rule_of_a_large_solid_is_looked_for_among_some_of_its_points(
+    body: Scene, space: tuple[Array, ReducedStepper], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = FitOptions(tolerance=0.03, candidates=20, max_points=8)
+    monkeypatch.setattr("ldsim.dynamics.synthetic.FIT", options)
+    q, stepper = space
+    rule = synthetic_stepper(body, stepper.space.reduced_basis, q, 0).space.rule
+    candidates = drawn_candidates(body.points.n_points, options)
+    assert candidates is not None and set(rule.points) <= set(candidates)
 
 
 def test_a_training_motion_runs_as_in_the_full_space(body: Scene, space: tuple[Array, ReducedStepper]) -> None:

@@ -38,6 +38,7 @@ def test_changes_add_up_and_the_last_one_wins() -> None:
     ("change", "message"),
     [
         (Change(youngs_modulus=np.array([1.0, 2, -3, 4])), "Young's modulus of cell 2 is -3; it must be positive"),
+        (Change(poisson_ratio=np.nextafter(0.5, 0)), "Poisson's ratio of cell 0 is 0.5; .* less than 0.5"),
         (Change(poisson_ratio=np.array([0, 0.5, 0.3, 0.1])), "Poisson's ratio of cell 1 is 0.5; .* less than 0.5"),
         (Change(poisson_ratio=np.array([0, np.nan, 0.3, 0.1])), "Poisson's ratio of cell 1 is nan"),
         (Change(density=np.array([0.0, 1, 1, 1])), "density of cell 0 is 0; it must be positive"),

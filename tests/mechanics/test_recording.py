@@ -47,6 +47,8 @@ def test_only_the_first_frames_are_used_if_asked(tmp_path: Path) -> None:
         (HEADER + COLUMNS, "holds no frames"),
         (COLUMNS + ROWS[1], "needs a line '# spring_stiffness_n_per_m"),
         (HEADER.replace("30", "-1") + COLUMNS + ROWS[1], "must be positive"),
+        (HEADER.replace("30", "inf") + COLUMNS + ROWS[1], "spring_stiffness_n_per_m is inf N/m; it must be positive"),
+        (HEADER.replace("0.03", "1e999") + COLUMNS + ROWS[1], "grab_radius_m is inf m; it must be positive"),
         (HEADER + COLUMNS.replace("target_y", "y") + ROWS[1], "lacks the column 'target_y'"),
         (HEADER + COLUMNS + "1,1,1,2,three,4,5,6", "does not hold seven numbers"),
         (HEADER + COLUMNS + "1,1,1", "does not hold seven numbers"),

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from ldsim.errors import SceneError
+from ldsim.errors import MeshError, SceneError
 from ldsim.mesh.shapes import beam, voxel_mesh
 from tests.helpers import scene
 
@@ -18,6 +19,14 @@ BAD_SCENES = {
     "density": ({"density": np.full(BEAM.n_cells, -1.0)}, "density of a cell is -1"),
     "density not a number": ({"density": np.full(BEAM.n_cells, np.nan)}, "density of a cell is nan"),
     "time step": ({"time_step": 0.0}, "time step is 0 s"),
+    "an endless time step": ({"time_step": np.inf}, "time step is inf s"),
+    "lam": ({"lam": np.full(BEAM.n_cells, np.nan)}, "bulk modulus of a cell is nan; it must be positive"),
+    "a solid that would explode": ({"lam": np.full(BEAM.n_cells, -1e9)}, "bulk modulus of a cell is -"),
+    "too few moduli": ({"mu": np.ones(3)}, "have shapes"),
+    "gravity": ({"gravity": np.array([0.0, np.nan, 0.0])}, "gravity holds nan"),
+    "load": ({"load": np.full((BEAM.n_vertices, 3), np.inf)}, "load holds inf"),
+    "a load of another shape": ({"load": np.zeros((3, BEAM.n_vertices))}, "have shapes"),
+    "all pinned": ({"pinned": np.ones(BEAM.n_vertices, dtype=bool)}, "the pins hold all .* vertices"),
     "no pins": ({"pinned": np.zeros(BEAM.n_vertices, dtype=bool)}, "1 of 1 connected parts have no pinned vertex"),
 }
 
@@ -26,6 +35,19 @@ BAD_SCENES = {
 def test_what_cannot_be_simulated_is_refused(change: dict[str, object], message: str) -> None:
     with pytest.raises(SceneError, match=message):
         replace(scene(BEAM), **change)  # type: ignore[arg-type]
+
+
+BAD_CELLS = {
+    "twice": (np.vstack([BEAM.cells, BEAM.cells[3:4, [1, 2, 0, 3]]]), "1 of 25 cells are there twice"),
+    "without volume": (np.vstack([BEAM.cells, BEAM.cells[:1, [0, 0, 1, 2]]]), "1 of 25 cells are degenerate"),
+    "inside out": (BEAM.cells[:, [1, 0, 2, 3]], "24 of 24 cells are inverted"),
+}
+
+
+@pytest.mark.parametrize("cells, message", BAD_CELLS.values(), ids=BAD_CELLS.keys())
+def test_a_mesh_that_cannot_be_simulated_makes_no_scene(cells: NDArray[np.int32], message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        scene(replace(BEAM, cells=cells))
 
 
 def test_a_loose_part_is_refused_with_its_size() -> None:

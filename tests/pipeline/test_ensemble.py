@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import logging
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import h5py
@@ -28,7 +31,7 @@ from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
-from ldsim.pipeline.cluster import local_cluster, result
+from ldsim.pipeline.cluster import result
 from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
 
@@ -223,10 +226,50 @@ def test_a_worker_that_is_killed_costs_nothing_but_the_frame_it_was_at(scene: Pa
     assert (tmp_path / "killed" / "m.frames").read_bytes() == (tmp_path / "undisturbed" / "m.frames").read_bytes()
 
 
+def test_no_process_of_a_run_listens_on_a_port(scene: Path, tmp_path: Path) -> None:
+    """Whoever reached the port of the Dask cluster that there was before could run code as the user."""
+    seen = set[str]()
+
+    def look(done: int, unfinished: int) -> None:
+        for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                seen.add("a process")
+                seen.update(str(each.laddr) for each in process.net_connections("inet") if each.status == "LISTEN")
+
+    before = {str(each.laddr) for each in psutil.Process().net_connections("inet") if each.status == "LISTEN"}
+    run_motions(scene, tmp_path, [still("m", 200), still("n", 200)], SOLVER, 2, look)
+    assert seen - before == {"a process"}
+
+
+def test_a_run_that_was_taken_over_before_it_began_says_so(scene: Path, tmp_path: Path) -> None:
+    lease = Lease.taken(tmp_path)
+    Lease.taken(tmp_path)
+    with pytest.raises(SolverError, match="was taken over by another run"):
+        run_motion(scene, lease, still("m", 2), SOLVER)
+
+
+def test_a_motion_whose_worker_dies_again_and_again_is_told(scene: Path, tmp_path: Path) -> None:
+    others, killed = set(workers()), list[int]()
+
+    def kill_all(done: int, unfinished: int) -> None:
+        for worker in set(workers()) - others:
+            worker.kill()
+            killed.append(worker.pid)
+
+    with pytest.raises(SolverError, match="died again and again on one motion"):
+        run_motions(scene, tmp_path, [still("m", 100_000)], SOLVER, 1, kill_all)
+    assert len(set(killed)) == 3
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
     """A cluster that somebody else started."""
-    with local_cluster(1) as cluster:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = LocalCluster(
+            n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0", silence_logs=logging.CRITICAL
+        )
+    with cluster:
         yield cluster
 
 
@@ -261,16 +304,17 @@ def test_a_run_that_another_one_took_over_stops_after_its_frame(scene: Path, tmp
 @pytest.mark.parametrize(
     ("failure", "words"),
     [
+        (BrokenProcessPool("died"), "worker processes died again and again on one motion (out of memory?)"),
         (KilledWorker("m", "worker", 3), "worker processes died again and again on one motion (out of memory?)"),
         (MemoryError("Unable to allocate 9 GiB"), "a worker ran out of memory (Unable to allocate 9 GiB)"),
     ],
-    ids=["killed", "told"],
+    ids=["killed", "killed on a cluster", "told"],
 )
 def test_workers_without_memory_are_told_in_one_line(failure: Exception, words: str) -> None:
     future: Future[None] = Future()
     future.set_exception(failure)
     with pytest.raises(SolverError) as refusal:
-        result(future)
+        result(future, KilledWorker if isinstance(failure, KilledWorker) else BrokenProcessPool)
     message = str(refusal.value)
     assert message.startswith(words) and "finished frames are kept" in message and "\n" not in message
 

@@ -114,13 +114,12 @@ class BatchedStepper:
 
     def state(self, states: Sequence[ReducedState]) -> BatchedState:
         """A batch of serial states."""
-        names = ("z", "z_previous", "q", "q_previous")
-        moving = [self.tensor(np.stack([getattr(s, name) for s in states])) for name in names]
-        still = np.zeros(self._lifting.count)
-        now = [still if s.a is None else s.a for s in states]
-        before = [still if s.a_previous is None else s.a_previous for s in states]
-        z, z_previous, q, q_previous = moving
-        return BatchedState(z, z_previous, q, q_previous, self.tensor(np.array(now)), self.tensor(np.array(before)))
+        still = np.zeros(self._lifting.count)  # where no pins move, a serial state says nothing of them
+
+        def batch(name: str) -> Tensor:
+            return self.tensor(np.array([still if (own := getattr(s, name)) is None else own for s in states]))
+
+        return BatchedState(*(batch(entry.name) for entry in fields(BatchedState)))
 
     def loads(self, loads: Sequence[Loads]) -> BatchedLoads:
         """What acts on one instance for each entry, with the scene's material.
@@ -149,10 +148,7 @@ class BatchedStepper:
         springs = [self.tensor(values) for values in (B, centre, target, stiffness)]
         own = [self._gravity if each.gravity is None else self.tensor(each.gravity) for each in loads]
         pins = self.tensor(a)
-        return BatchedLoads(
-            *(springs[0], springs[1], springs[2], springs[3]),
-            *(torch.stack(own), ones, ones, pins, torch.zeros_like(pins)),
-        )
+        return BatchedLoads._make((*springs, torch.stack(own), ones, ones, pins, torch.zeros_like(pins)))
 
     def step(self, state: BatchedState, loads: BatchedLoads) -> tuple[BatchedState, BatchedSolution]:
         """Advance every instance by one time step; the given state is unchanged.
@@ -174,20 +170,19 @@ class BatchedStepper:
         fields = self.tensor(self.space.fields[vertices])
         return torch.einsum("vik,nk->nvi", fields, torch.cat([state.q, state.a], dim=1))
 
+    def _pieces(self, n: int) -> list[slice]:
+        """n instances in pieces that the memory serves best."""
+        return [slice(first, first + self.piece) for first in range(0, n, self.piece)]
+
     def solve(
         self, z: Tensor, z_previous: Tensor, predictor: Tensor, loads: BatchedLoads
     ) -> tuple[Tensor, BatchedSolution]:
         """The minimisers of one step, piece by piece."""
-        done: list[tuple[Tensor, BatchedSolution]] = []
-        for first in range(0, len(z), self.piece):
-            some = slice(first, first + self.piece)
-            start = 2 * z[some] - z_previous[some]
-            done.append(
-                minimise(
-                    self.model, loads.of(some), predictor[some], start, z[some],
-                    self.tolerance, self.max_iterations,
-                )
-            )  # fmt: skip
+        stop = self.tolerance, self.max_iterations
+        done = [
+            minimise(self.model, loads.of(some), predictor[some], 2 * z[some] - z_previous[some], z[some], *stop)
+            for some in self._pieces(len(z))
+        ]
         names = [entry.name for entry in fields(BatchedSolution)]
         record = BatchedSolution(*(torch.cat([getattr(part, name) for _, part in done]) for name in names))
         return torch.cat([part for part, _ in done]), record
@@ -195,8 +190,7 @@ class BatchedStepper:
     def adjoint(self, z: Tensor, predictor: Tensor, loads: BatchedLoads, gradient: Tensor) -> Tensor:
         """J H⁻¹ ∂L/∂z, (n, k): how far each instance's q gives way to the loss's pull on z; ∂L/∂z is (n, r)."""
         ways: list[Tensor] = []
-        for first in range(0, len(z), self.piece):
-            some = slice(first, first + self.piece)
+        for some in self._pieces(len(z)):
             H = self.model.hessian(loads.of(some), predictor[some], z[some])
             solved, _ = torch.linalg.solve_ex(H, gradient[some, :, None])
             ways.append(torch.einsum("nrk,nr->nk", self.model.decoder.tangents(z[some]).jacobian, solved[:, :, 0]))

@@ -34,6 +34,9 @@ class WarpedHessian:
         choice: how it is inverted.
         exact: solve to a residual that serves Newton; otherwise as cheaply as serves a preconditioner.
         inertia: whether M/h² is part of it.
+
+    Attributes:
+        factorisations: how many were made.
     """
 
     def __init__(
@@ -46,6 +49,8 @@ class WarpedHessian:
         self._pattern = StiffnessPattern(scene.points.nodes, self._choice.order, n)
         self._diagonal = self._inertia(inertia)
         self._inverse: Factor | Multigrid | None = None
+        self._at: Array | None = None
+        self.factorisations = 0
         self._factor_rotations = np.empty((n, 3, 3))
         self._rotations = np.empty((n, 3, 3))
         self._relative = np.empty((self._pattern.n_free, 3, 3))
@@ -63,9 +68,11 @@ class WarpedHessian:
         return np.where(on_diagonal, STATIC_SHIFT * np.einsum("bii->b", blocks) / 3, 0.0)
 
     def factorise(self, u: Array) -> None:
-        """Make the inverse at displacement u, (n, 3) metres."""
+        """Make the inverse at displacement u, (n, 3) metres; nothing is done where that is where it was made last."""
+        if self._at is not None and np.array_equal(u, self._at):
+            return
         pattern, elimination = self._pattern, self._choice.elimination
-        self._inverse = None
+        self._at = self._inverse = None  # the old one makes room before the new one is made
         blocks = pattern.stiffness_blocks(self._scene.elements, u, clamp=True)
         blocks[:, range(3), range(3)] += self._diagonal[:, None]
         if elimination is not None:
@@ -74,6 +81,7 @@ class WarpedHessian:
             positions = (self._scene.mesh.vertices + u)[pattern.order]
             self._inverse = Multigrid(pattern.indptr, pattern.columns, blocks, positions, exact=self._exact)
         vertex_rotations(self._scene.elements, u, self._factor_rotations)
+        self._at, self.factorisations = u.copy(), self.factorisations + 1
 
     def prepare(self, u: Array, grabs: Sequence[Grab]) -> None:
         """Warp the inverse to displacement u, (n, 3) metres, and include the grabs."""

@@ -8,7 +8,9 @@ Hessian in every iteration.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,7 +24,6 @@ from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.dynamics.simulate import Frame
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import smallest_volume_ratio
-from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
@@ -70,10 +71,18 @@ class FullStepper:
 
     Args:
         choice: the linear solver, where one was chosen before; found by the options otherwise.
+        seconds: after which a step begins no further iteration, for those who watch; what it leads to then depends on
+            the machine.
     """
 
-    def __init__(self, scene: Scene, options: FullOptions = FullOptions(), choice: LinearChoice | None = None) -> None:
-        self.scene, self.options = scene, options
+    def __init__(
+        self,
+        scene: Scene,
+        options: FullOptions = FullOptions(),
+        choice: LinearChoice | None = None,
+        seconds: float = math.inf,
+    ) -> None:
+        self.scene, self.options, self.seconds = scene, options, seconds
         self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
         self._total_mass = float(scene.mass.sum())
@@ -86,7 +95,7 @@ class FullStepper:
 
     def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
-        bench, options = self._bench(), self.options
+        hessian, options, deadline = self._hessian(), self.options, time.perf_counter() + self.seconds
         u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
         if excess > options.factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
@@ -95,24 +104,27 @@ class FullStepper:
         x, guesses = self._initial_guess(potential, state, loads)
         if self._newton:
             u_factor = x.reshape(-1, 3).copy()
-        bench.prepare(u_factor, x, loads.grabs)
+        hessian.factorise(u_factor)
+        hessian.prepare(x.reshape(-1, 3), loads.grabs)
 
         def refactorise(trial: Array, iteration: int) -> bool:
             nonlocal u_factor, fresh
             if iteration == 0 or (iteration % options.factor_cost and not self._newton):
                 return False
             u_factor, fresh = trial.reshape(-1, 3).copy(), -1
-            bench.prepare(u_factor, trial, loads.grabs)
+            hessian.factorise(u_factor)
+            hessian.prepare(u_factor, loads.grabs)
             return True
 
         solution = minimise(
             potential.value_gradient,
             x,
-            bench.hessian.solve,
+            hessian.solve,
             options.tolerance,
             pairs=0 if self._newton else WINDOW,
             max_iterations=options.max_iterations,
             refresh=refactorise,
+            deadline=deadline,
         )
         if fresh < 0:
             fresh, excess = solution.iterations, 0
@@ -135,12 +147,12 @@ class FullStepper:
 
     def stiffened(self, scale: float) -> FullStepper:
         """The same steps with the Lamé parameters of the scene times a positive number."""
-        return FullStepper(self.scene.stiffened(scale), self.options, self.choice)
+        return FullStepper(self.scene.stiffened(scale), self.options, self.choice, self.seconds)
 
     @property
     def factorisations(self) -> int:
         """How many were made in this thread."""
-        return self._bench().factorisations
+        return self._hessian().factorisations
 
     def worst_cell(self, state: FullState) -> str:
         """The most inverted cell of a state and what may help, in words."""
@@ -166,13 +178,12 @@ class FullStepper:
             return moving, 2
         return still, 2
 
-    def _bench(self) -> _Factorised:
-        """The factorisation of this thread."""
-        found: _Factorised | None = getattr(self._threads, "bench", None)
+    def _hessian(self) -> WarpedHessian:
+        """That of this thread, made at the displacement of the last factorisation."""
+        found: WarpedHessian | None = getattr(self._threads, "hessian", None)
         if found is None:
-            exact = self._newton or self.options.quasistatic
-            hessian = WarpedHessian(self.scene, self.choice, exact=exact, inertia=not self.options.quasistatic)
-            found = self._threads.bench = _Factorised(hessian)
+            exact, inertia = self._newton or self.options.quasistatic, not self.options.quasistatic
+            found = self._threads.hessian = WarpedHessian(self.scene, self.choice, exact=exact, inertia=inertia)
         return found
 
 
@@ -187,20 +198,3 @@ def none_lost(stepper: FullStepper, frames: Iterator[Frame[FullState]]) -> Itera
             reason = frame.solution.reason.words
             raise SolverError(f"frame {frame.number}: {reason}; {stepper.worst_cell(frame.state)}")
         yield frame
-
-
-class _Factorised:
-    """A Hessian and where it is factorised."""
-
-    def __init__(self, hessian: WarpedHessian) -> None:
-        self.hessian = hessian
-        self.factorisations = 0
-        self._at: Array | None = None
-
-    def prepare(self, u_factor: Array, x: Array, grabs: tuple[Grab, ...]) -> None:
-        """The inverse made at one displacement, (n, 3), warped to another, (3n,), with the grabs."""
-        if self._at is None or not np.array_equal(u_factor, self._at):
-            self.hessian.factorise(u_factor)
-            self._at = u_factor.copy()
-            self.factorisations += 1
-        self.hessian.prepare(x.reshape(-1, 3), grabs)

@@ -42,9 +42,9 @@ def isotropic(slopes: Compiled) -> Compiled:
         d2, h22, _ = slopes(r, p, q, I1, J, mu, lam)
         _, _, h02 = slopes(p, r, q, I1, J, mu, lam)
         _, _, h12 = slopes(q, r, p, I1, J, mu, lam)
-        a01, b01 = _pair(p, q, d0, d1, 0.5 * (h00 + h11) - h01, clamp)
-        a02, b02 = _pair(p, r, d0, d2, 0.5 * (h00 + h22) - h02, clamp)
-        a12, b12 = _pair(q, r, d1, d2, 0.5 * (h11 + h22) - h12, clamp)
+        a01, b01 = _pair(p, q, d0, d1, 0.5 * (h00 + h11), h01, clamp)
+        a02, b02 = _pair(p, r, d0, d2, 0.5 * (h00 + h22), h02, clamp)
+        a12, b12 = _pair(q, r, d1, d2, 0.5 * (h11 + h22), h12, clamp)
         stretch = (h00, h11, h22, h01, h02, h12)
         if clamp:
             stretch = clamped_symmetric(stretch)
@@ -54,17 +54,22 @@ def isotropic(slopes: Compiled) -> Compiled:
 
 
 @njit(cache=True, inline="always")
-def _pair(p: float, q: float, dp: float, dq: float, limit: float, clamp: bool) -> tuple[float, float]:
+def _pair(p: float, q: float, dp: float, dq: float, mean: float, mixed: float, clamp: bool) -> tuple[float, float]:
     """∂²Ψ/∂X_pq² and ∂²Ψ/∂X_pq∂X_qp of the off-diagonal pair, from its twist and flip eigenvalues.
 
-    limit: that of the flip's quotient where the stretches p and q meet.
+    mean, mixed: of ∂²Ψ/∂p² and ∂²Ψ/∂q², and ∂²Ψ/∂p∂q. Where p and q meet, their difference is the limit of the flip's
+    quotient; where p and −q meet, their sum is that of the twist's, if Ψ(−p, −q, r) = Ψ(p, q, r).
     """
-    total = p + q
-    # the stress of a point crushed or inverted so far that p = −q has no tangent; a steep finite one stands for it
-    if abs(total) < 1e-8:
-        total = 1e-8 if total >= 0.0 else -1e-8
-    twist = (dp + dq) / total
-    flip = (dp - dq) / (p - q) if abs(p - q) > 1e-5 * (abs(p) + abs(q)) else limit
+    small = 1e-5 * (abs(p) + abs(q))
+    total, limit = p + q, mean + mixed
+    if abs(total) <= small and abs(dp + dq) <= 2.0 * abs(limit) * small:
+        twist = limit
+    else:
+        # a density such as the corotated one has no tangent where p = −q; a steep finite one stands for it
+        if abs(total) < 1e-8:
+            total = 1e-8 if total >= 0.0 else -1e-8
+        twist = (dp + dq) / total
+    flip = (dp - dq) / (p - q) if abs(p - q) > small else mean - mixed
     if clamp:
         twist = max(twist, 0.0)
         flip = max(flip, 0.0)

@@ -232,14 +232,23 @@ s2 = tensors__dot(z, tensors__times(F, r));
 U = [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
 return [U, [s0, s1, s2], [p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]]];
 }
-function isotropic__pair(p, q, dp, dq, limit, clamp) {
-let flip, total, twist;
-total = (p + q);
+function isotropic__pair(p, q, dp, dq, mean, mixed, clamp) {
+let flip, limit, small, total, twist;
+small = (1e-05 * (Math.abs(p) + Math.abs(q)));
+{ const all = [(p + q), (mean + mixed)];
+total = all[0];
+limit = all[1];
+}
+if (((Math.abs(total) <= small) && (Math.abs((dp + dq)) <= ((2.0 * Math.abs(limit)) * small)))) {
+twist = limit;
+}
+else {
 if ((Math.abs(total) < 1e-08)) {
 total = ((total >= 0.0) ? 1e-08 : (-1e-08));
 }
 twist = ((dp + dq) / total);
-flip = ((Math.abs((p - q)) > (1e-05 * (Math.abs(p) + Math.abs(q)))) ? ((dp - dq) / (p - q)) : limit);
+}
+flip = ((Math.abs((p - q)) > small) ? ((dp - dq) / (p - q)) : (mean - mixed));
 if (clamp) {
 twist = Math.max(twist, 0.0);
 flip = Math.max(flip, 0.0);
@@ -321,15 +330,15 @@ _ = all[0];
 _ = all[1];
 h12 = all[2];
 }
-{ const all = isotropic__pair(p, q, d0, d1, ((0.5 * (h00 + h11)) - h01), clamp);
+{ const all = isotropic__pair(p, q, d0, d1, (0.5 * (h00 + h11)), h01, clamp);
 a01 = all[0];
 b01 = all[1];
 }
-{ const all = isotropic__pair(p, r, d0, d2, ((0.5 * (h00 + h22)) - h02), clamp);
+{ const all = isotropic__pair(p, r, d0, d2, (0.5 * (h00 + h22)), h02, clamp);
 a02 = all[0];
 b02 = all[1];
 }
-{ const all = isotropic__pair(q, r, d1, d2, ((0.5 * (h11 + h22)) - h12), clamp);
+{ const all = isotropic__pair(q, r, d1, d2, (0.5 * (h11 + h22)), h12, clamp);
 a12 = all[0];
 b12 = all[1];
 }

@@ -1,0 +1,128 @@
+"""Steps that go wrong cost neither the state, nor the page, nor more than their time."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.errors import SolverError
+from ldsim.mechanics.motion import Motion
+from ldsim.optimise.solution import Reason
+from ldsim.pipeline.comparison import Reference, run_reduced
+from ldsim.simulator import Outcome, full_simulator, load
+from ldsim.simulator.simulator import Simulator
+from ldsim.viewer.session import Session
+from ldsim.viewer.state import Audience
+from tests.helpers import reduced_space
+from tests.simulator.playable import modes, solid, write_playable
+
+VIOLENT_STEPS = {"latent": 2000, "linear": 2000, "full": 25}
+
+
+class Failing:
+    """A stepper whose steps fail from some number on, and that is otherwise another."""
+
+    def __init__(self, stepper: Any, error: Exception, good: int = 0) -> None:
+        self._stepper, self._error, self._left = stepper, error, good
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stepper, name)
+
+    def step(self, state: Any, loads: Any) -> Any:
+        self._left -= 1
+        if self._left < 0:
+            raise self._error
+        return self._stepper.step(state, loads)
+
+
+@pytest.mark.parametrize("error", [SolverError("no factor"), np.linalg.LinAlgError("singular"), OverflowError("large")])
+def test_a_step_that_fails_keeps_the_shape_and_is_reported(error: Exception) -> None:
+    own = full_simulator(solid(1))
+    simulator = Simulator(own.space, Failing(FullStepper(own.scene), error, good=1))
+    simulator.step()
+    before = simulator.displacement()
+    record = simulator.step()
+    assert record.outcome == Outcome.HELD
+    np.testing.assert_array_equal(simulator.displacement(), before)
+
+
+def test_a_page_goes_on_after_a_step_that_raises() -> None:
+    own = full_simulator(solid(1))
+    simulator = Simulator(own.space, Failing(FullStepper(own.scene), RuntimeError("a mistake"), good=1))
+    session = Session(lambda _: simulator, ["full"], [simulator])
+    told, frames = [], []
+    session.watch(Audience(frames.append, lambda _, __: None, lambda _: None, told.append))
+    h = simulator.scene.time_step
+    for _ in range(3):
+        session._tick(2 * h)
+    assert len(told) == 3 and "a mistake" in told[0]
+    assert not simulator.displacement().any()
+    session.look.paused = True
+    session._tick(0.0)
+    assert frames
+
+
+def test_a_step_of_the_full_space_takes_no_longer_than_it_may() -> None:
+    body = solid(2)
+    simulator = full_simulator(body, seconds=0.05)
+    simulator.step()  # compiles
+    point = body.mesh.vertices[body.mesh.vertices[:, 0].argmax()]
+    simulator.grab(point, point + [0.4, 3.0, 0.1], stiffness=1e6)
+    records = [simulator.step() for _ in range(5)]
+    assert {record.reason for record in records} & {Reason.ITERATIONS_SPENT, Reason.NO_DECREASE}
+    unbounded = FullOptions().max_iterations
+    assert all(record.iterations < unbounded for record in records)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    write_playable(folder, resolution=1)
+    return folder
+
+
+@pytest.mark.parametrize("space", VIOLENT_STEPS)
+def test_violent_loads_leave_a_finite_shape_near_the_solid(run: Path, space: str) -> None:
+    rng = np.random.default_rng(7)
+    simulator = load(run, space, seconds=0.1)
+    vertices, free = simulator.scene.mesh.vertices, simulator.scene.free
+    started = time.monotonic()
+    for number in range(VIOLENT_STEPS[space]):
+        if number % 10 == 0:
+            simulator.set_grabs([])
+            for vertex in rng.choice(free, 2):
+                target = vertices[vertex] + rng.normal(size=3) * 10.0 ** rng.uniform(-2, 3)
+                simulator.grab(vertices[vertex], target, 10.0 ** rng.uniform(0, 8), at_rest=True)
+            simulator.gravity = rng.normal(size=3) * 10.0 ** rng.uniform(0, 5)
+            simulator.material_scale = 10.0 ** rng.uniform(-2, 2)
+        simulator.step()
+        u = simulator.displacement()
+        assert np.isfinite(u).all()
+    assert sum(simulator.counts.values()) == VIOLENT_STEPS[space]
+    assert time.monotonic() - started < 120
+    simulator.reset()
+    simulator.gravity, simulator.material_scale = simulator.scene.gravity, 1.0
+    assert simulator.step().outcome == Outcome.SOLVED
+
+
+def test_a_window_that_cannot_start_costs_itself_alone() -> None:
+    body = solid(1)
+    space = reduced_space(body, modes(body))
+    quiet = Motion("quiet", 12)
+    shapes = np.zeros((12, body.mesh.n_vertices, 3))
+    flat = body.mesh.vertices - body.mesh.vertices.mean(axis=0)
+    shapes[2:4] = -2.0 * flat  # inside out: of infinite energy in a Neo-Hookean solid
+    reference = Reference(quiet, {}, lambda start, stop: shapes[start:stop])
+    made = run_reduced(ReducedStepper(space), reference, restart=4)
+    assert made.coordinates is not None and np.isfinite(made.coordinates).all()
+    assert (made.reason[4:8] == Reason.INFINITE_START).all()
+    assert (made.reason[8:] == Reason.CONVERGED).all() and (made.reason[:4] == Reason.CONVERGED).all()
+    assert math.isfinite(float(made.seconds.sum()))
