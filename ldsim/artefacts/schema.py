@@ -188,12 +188,12 @@ VALUES = {
     COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "
     "motions/*/held_count motions/*/support_count motions/*/iterations motions/*/evaluations motions/*/seconds "
     "runs/*/*/iterations runs/*/*/evaluations groups/*/cells singular_values max_error mean_error heldout_max_error "
-    "heldout_mean_error best_epoch",
+    "heldout_mean_error best_epoch potential/points",
     index("n"): "mesh/cells quadrature/nodes motions/*/held motions/*/support_vertices groups/*/vertices",
     index("m"): "quadrature/cells",
     index("s"): "*/path_points */virtual_points",
     index("l"): "*/chosen",
-    index(len(MATERIALS)): "material/kind",
+    index(len(MATERIALS)): "material/kind potential/material */virtual_material",
     index(len(Reason)): "motions/*/reason runs/*/*/reason",
     Allowed("1 … k", 1): "kp",
 }
