@@ -1,0 +1,170 @@
+"""A condensed latent space through every stage, in the simulator, and where it is refused."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.dynamics.batched.stepper import BatchedStepper
+from ldsim.dynamics.simulate import simulate
+from ldsim.errors import SolverError
+from ldsim.export.arrays import model_arrays
+from ldsim.mechanics.motion import Motion
+from ldsim.pipeline import condense
+from ldsim.run import Run
+from ldsim.simulator import Simulator, load
+from tests.cli.experiments import TINY, Experiment
+
+SMALL = {"poses": 24, "shell": 1, "points": 8, "features": 4, "columns": 6, "steps": 300}
+CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidden": [12], "condensed": SMALL}}
+
+
+@pytest.fixture(scope="module")
+def condensed(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    experiment = Experiment(tmp_path_factory.mktemp("condensed"))
+    experiment.configure(CONDENSED)
+    for stage in ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report"):
+        result = experiment.invoke(stage)
+        assert result.exit_code == 0, result.output
+    return experiment
+
+
+def simulator(experiment: Experiment) -> Simulator:
+    """In the latent space with V_eff, whatever the judge of the cubature thought of so small a fit."""
+    with Run(experiment.run) as run:
+        rule = run.model.potential
+        assert rule is not None
+        space = run.space("latent").with_rule(rule)
+        return Simulator(space, run.stepper(space))
+
+
+def test_its_coordinates_are_those_of_the_basis_and_its_rest_is_exact(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        space, u = run.space("latent"), run.snapshots.reader("a")(0, 20)
+        z, _ = space.encode(u)
+        np.testing.assert_allclose(z, run.basis.project(u)[:, :3], rtol=1e-6, atol=1e-12)
+        np.testing.assert_array_equal(space.decoder(np.zeros(3)), 0)
+        # what is slaved is orthogonal to the coordinates, so that every decoded pose has the z it was decoded from
+        poses = space.displacement(space.decoder(z))
+        np.testing.assert_allclose(run.basis.project(poses)[:, :3], z, atol=1e-9 * np.abs(z).max())
+
+
+def test_it_stands_beside_the_linear_space_of_as_many_coordinates(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        errors = run.simulation["latent"]["a"].relative_error, run.simulation["linear"]["a"].relative_error
+        assert errors[0] is not None and np.isfinite(errors[0])
+        assert not run.simulation["latent"]["b"].diverged
+
+
+def test_a_grab_pulls_with_the_force_that_its_handle_tells(condensed: Experiment) -> None:
+    sim = simulator(condensed)
+    top = sim.scene.mesh.vertices[:, 1].argmax()
+    target = sim.scene.mesh.vertices[top] + [0.02, 0.0, 0.0]
+    handle = sim.grab(sim.scene.mesh.vertices[top], target, stiffness=50.0, radius=0.02)
+    for _ in range(400):
+        sim.step()
+    assert handle.force[0] > 0
+    np.testing.assert_allclose(handle.force, 50.0 * (target - handle.centroid))
+    # at rest, the force of the grab and gravity balance the elastic force: their work in every coordinate is nothing
+    still = sim.displacement()
+    sim.step()
+    np.testing.assert_allclose(sim.displacement(), still, atol=1e-5)
+
+
+def test_two_grabs_feel_each_other(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        compliance = run.space("latent").compliance
+        assert compliance is not None
+        sim = simulator(condensed)
+        x = sim.scene.mesh.vertices
+        grabs = [
+            sim.grab(x[v], x[v], stiffness=50.0, radius=0.02).grab for v in np.flatnonzero(x[:, 1] > 0.07)[[0, -1]]
+        ]
+        together = compliance.stiffness(grabs)
+        np.testing.assert_allclose(together, together.T)
+        assert np.linalg.eigvalsh(together)[0] > 0
+        assert np.abs(together[:3, 3:]).max() > 1e-9 * np.abs(together).max()
+        assert (np.diag(together) < 50.0).all()  # in series each is softer than its spring
+
+
+def test_let_go_its_energy_never_rises(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        rule = run.model.potential
+        assert rule is not None
+        stepper = run.stepper(run.space("latent").with_rule(rule))
+        start = stepper.rest()
+        start.data[:3] = 0.02 * np.sqrt(run.scene.mass.sum()) * np.array([1.0, -0.5, 0.3])
+        energies = []
+        for frame in simulate(stepper, Motion("free", 60, ()), start):
+            energies.append(frame.solution.value)
+        # implicit Euler: the incremental potential bounds the energy of the frame, and falls
+        assert energies[-1] < energies[0]
+        assert np.isfinite(energies).all()
+
+
+def test_an_interrupted_relaxation_keeps_what_was_done(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again = Experiment(tmp_path)
+    with Run(again.run) as run:
+        before = run.model.potential
+    done: list[int] = []
+    relaxed = condense._Poses.relaxed
+
+    def interrupted(poses: Any, piece: int) -> dict[str, Any]:
+        if piece == 2:
+            raise KeyboardInterrupt
+        done.append(piece)
+        return relaxed(poses, piece)
+
+    (again.run / "model.h5").unlink()
+    monkeypatch.setattr(condense._Poses, "relaxed", interrupted)
+    assert again.invoke("train").exit_code != 0
+    monkeypatch.setattr(condense._Poses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1])
+    assert again.invoke("train").exit_code == 0
+    assert done.count(0) == 1
+    with Run(again.run) as run:
+        after = run.model.potential
+    assert before is not None and after is not None
+    np.testing.assert_array_equal(before.weights, after.weights)
+    assert not (again.run / "model.partial").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"train": {"kind": "condensed", "r": 7}}, "train.r is 7; allowed are 1 … 6"),
+        ({"pca": {"k": 6, "inner_product": "euclidean"}}, "needs pca.inner_product: mass"),
+        ({"train": {"kind": "condense"}}, "train.kind"),
+    ],
+)
+def test_what_has_no_condensed_space_is_refused_by_name(
+    condensed: Experiment, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again = Experiment(tmp_path)
+    again.configure(CONDENSED | change)
+    if "pca" in change:
+        assert again.invoke("pca").exit_code == 0
+    result = again.invoke("train")
+    assert result.exit_code == 1 and said in result.output and "Traceback" not in result.output
+
+
+def test_it_is_not_stepped_in_batches(condensed: Experiment) -> None:
+    with Run(condensed.run) as run, pytest.raises(SolverError, match="not stepped in batches"):
+        BatchedStepper(run.space("latent"))
+
+
+def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None:
+    sim = load(condensed.run)
+    for _ in range(5):
+        sim.step()
+    assert np.isfinite(sim.displacement()).all()
+    with Run(condensed.run) as run:
+        arrays = model_arrays(run)
+    assert arrays["latent/basis"].shape[1] == arrays["latent/strain_maps"].shape[2]
