@@ -37,7 +37,7 @@ REPORT := $(RUN)/report/report.html
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test lint clean help FORCE
+.PHONY: $(STAGES) demo paper settings test bounds lint clean help FORCE
 
 # $(call stage,train): run a stage and remember that one was run.
 stage = $(eval RAN := yes)$(LDSIM) $(1) $(CONFIG) --runs $(RUNS)
@@ -73,6 +73,10 @@ settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
 
 test: $(ENVIRONMENT) ## all tests
 	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4
+
+bounds: $(ENVIRONMENT) ## tests of what is compiled, every index checked; minutes to compile anew
+	NUMBA_BOUNDSCHECK=1 $(VENV)/bin/python -m pytest tests/optimise tests/mechanics tests/space tests/cubature \
+	    tests/dynamics tests/simulator tests/faults
 
 lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .

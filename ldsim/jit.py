@@ -79,7 +79,8 @@ class SourceLocator(_CacheLocator):
         path = Path(py_file)
         if "NUMBA_CACHE_DIR" in os.environ or not path.is_relative_to(PACKAGE):
             return None
-        folder = kernel_cache() / f"{path.stem}-{source_state(path)}"
+        checked = "-checked" if numba.config.BOUNDSCHECK else ""  # type: ignore[attr-defined]
+        folder = kernel_cache() / f"{path.stem}-{source_state(path)}{checked}"
         try:
             if not folder.is_dir():
                 folder.mkdir(parents=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 from ldsim import __version__
 from ldsim.artefacts.atomic import replacing
-from ldsim.artefacts.store import STAGE_OF, check_inputs, read_header, reading
+from ldsim.artefacts.store import STAGE_OF
 from ldsim.cli.stage import Bars
 from ldsim.errors import ArtefactError
 from ldsim.pipeline.cubature import cubature
@@ -114,13 +114,13 @@ def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path
 
 def up_to_date(folder: Path, settings: Settings, stage: str) -> bool:
     """Whether a stage's artefact is whole and was made with these settings from the files that lie there."""
-    path = folder / f"{WRITES[stage]}.h5"
-    try:
-        with reading(path, WRITES[stage]) as file:
-            header = read_header(file)
-        check_inputs(path, header, {kind: folder / f"{kind}.h5" for kind in header.inputs})
-    except ArtefactError:
-        return False
+    kind = WRITES[stage]
+    with Run(folder, settings.experiment) as run:
+        try:
+            header = run.header(kind)
+            run.require(kind, *header.inputs)
+        except ArtefactError:
+            return False
     return header.settings == settings.section(stage).dump()
 
 

@@ -76,3 +76,21 @@ def test_only_folders_that_nobody_used_are_forgotten(tmp_path: Path) -> None:
         os.utime(tmp_path / name, (time.time() - days * 24 * 3600,) * 2)
     forget_unused(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
+
+
+def test_kernels_that_check_their_indices_are_kept_apart_and_do_check(tmp_path: Path) -> None:
+    """A kernel without bounds reads what lies beside an array; the same one with bounds says so."""
+    program = (
+        "import numpy as np\nfrom ldsim.jit import copy\n"
+        "try:\n    copy(np.zeros(2), np.zeros(3))\nexcept IndexError as error:\n    print('refused')\n"
+    )
+    said = []
+    for bounds in ("0", "1", "0", "1"):
+        environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_BOUNDSCHECK": bounds}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        said.append(done.stdout.strip())
+    assert said == ["", "refused", "", "refused"]
+    folders = [path.name for path in (tmp_path / "ldsim" / "kernels").glob("jit-*")]
+    assert len(folders) == 2 and sum(name.endswith("-checked") for name in folders) == 1

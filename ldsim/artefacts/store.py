@@ -162,23 +162,6 @@ def pieces(values: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]
     return np.split(values, np.cumsum(counts)[:-1]) if len(counts) else []
 
 
-def check_inputs(path: Path, header: Header, given: Mapping[str, Path]) -> None:
-    """Refuse an artefact that was made from other files than the given ones.
-
-    Raises:
-        ArtefactError: naming the artefact, the input whose hash differs, and what to do; or an input cannot be read.
-    """
-    for name, source in given.items():
-        recorded = header.inputs.get(name)
-        with reading(source, name):
-            pass
-        if recorded is not None and recorded != file_hash(source):
-            raise ArtefactError(
-                f"{path} was made from another {name} than {source} (SHA-256 {recorded[:12]}… recorded); "
-                "it belongs to another experiment or is stale: run make"
-            )
-
-
 def dataset_names(file: h5py.File) -> list[str]:
     """Paths of all datasets, sorted."""
     return list(datasets(file))

@@ -147,14 +147,12 @@ class Candidates:
     def solved_on(self, points: Indices) -> Candidates:
         """The non-negative solution on some points, whatever was chosen before."""
         fresh = Candidates.none(self.system)._with_points(points)
-        x = nnls(fresh.gram, fresh.moments)
-        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
+        return fresh._at(nnls(fresh.gram, fresh.moments))
 
     def given(self, points: Indices, multipliers: Array) -> Candidates:
         """Points with multipliers that nothing was solved for."""
         fresh = Candidates.none(self.system)._with_points(points)
-        x = multipliers * fresh.norms
-        return replace(fresh, x=x, residual=self.system.target - fresh.columns @ x)
+        return fresh._at(multipliers * fresh.norms)
 
     def with_best(self) -> Candidates | None:
         """With the candidate chosen whose unit column correlates best; None where no correlation is positive."""
@@ -173,7 +171,9 @@ class Candidates:
         return self._solved(support)
 
     def _solved(self, support: NDArray[np.bool_]) -> Candidates:
-        x = solve_on_support(self.gram, self.moments, np.where(support, self.x, 0.0), support)
+        return self._at(solve_on_support(self.gram, self.moments, np.where(support, self.x, 0.0), support))
+
+    def _at(self, x: Array) -> Candidates:
         return replace(self, x=x, residual=self.system.target - self.columns @ x)
 
     def _only_chosen(self) -> Candidates:

@@ -14,14 +14,11 @@ COLUMNS = ("is_dragging", "target_x", "target_y", "target_z", "grabbed_x", "grab
 NEEDED = {"spring_stiffness_n_per_m": "N/m", "grab_radius_m": "m"}
 
 
-def read_recording(path: Path, name: str, frames: int | None = None) -> Motion:
+def read_recording(path: Path, name: str) -> Motion:
     """Read a recording as a motion.
 
     `#` lines carry `key: value`; spring_stiffness_n_per_m and grab_radius_m are used. A drag is a run of rows with
     is_dragging = 1; it takes hold at the grabbed point of its first row.
-
-    Args:
-        frames: use only the first frames.
 
     Raises:
         MotionError: the file cannot be read, lacks a column or a needed key, or holds something that is not a number.
@@ -52,7 +49,6 @@ def read_recording(path: Path, name: str, frames: int | None = None) -> Motion:
     if not np.isfinite(table).all():
         first = int(np.argwhere(~np.isfinite(table))[0, 0])
         raise MotionError(f"recording {path}, frame row {first} holds a value that is not finite")
-    table = table[:frames]
     return Motion(name, len(table), tuple(_drags(table, radius, stiffness)))
 
 

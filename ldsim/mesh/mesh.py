@@ -13,6 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from ldsim.errors import MeshError
 
 NODES_PER_CELL = {"tet4": 4, "hex8": 8}
+# The volume of a cell that is degenerate, as a share of its longest edge cubed.
+DEGENERATE = 1e-12
 # The largest coordinate, metres: the cube of a length, and what is made of it, stays far from overflow.
 FARTHEST = 1e9
 
@@ -129,12 +131,12 @@ def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:
     return volumes
 
 
-def check_cells(mesh: Mesh, relative_threshold: float = 1e-12) -> None:
+def check_cells(mesh: Mesh) -> None:
     """Refuse inverted and degenerate cells, and those listed twice.
 
     Raises:
         MeshError: naming the first cell whose corner volume is negative (inverted) or at most
-            `relative_threshold` times its longest edge cubed (degenerate), or that has the vertices of another.
+            `DEGENERATE` times its longest edge cubed (degenerate), or that has the vertices of another.
     """
     corners = np.sort(mesh.cells, axis=1)
     _, first_of = np.unique(corners, axis=0, return_index=True)
@@ -146,7 +148,7 @@ def check_cells(mesh: Mesh, relative_threshold: float = 1e-12) -> None:
         )
     volumes = corner_volumes(mesh).min(axis=1)
     extent = np.ptp(mesh.vertices[mesh.cells], axis=1).max(axis=1)
-    degenerate = ~(np.abs(volumes) > relative_threshold * extent**3)  # also where a volume overflows
+    degenerate = ~(np.abs(volumes) > DEGENERATE * extent**3)  # also where a volume overflows
     inverted = (volumes < 0) & ~degenerate
     for name, bad in (("degenerate", degenerate), ("inverted", inverted)):
         if bad.any():

@@ -172,27 +172,27 @@ def _supernodes(parent: Indices, counts: Indices) -> Indices:
 
 
 @njit(cache=True)
+def _add_rows(found: Indices, least: int, s: int, seen: Indices, rows: Indices, filled: int) -> int:
+    """Writes what was found from `least` on, each once for supernode s, into `rows` after `filled`; returns its end."""
+    for i in found:
+        if i >= least and seen[i] != s:
+            seen[i], rows[filled] = s, i
+            filled += 1
+    return filled
+
+
+@njit(cache=True)
 def _fill_rows(
     indptr: Indices, indices: Indices, first: Indices, tree: Indices, row_start: Indices, rows: Indices
 ) -> None:
     """Rows of each supernode: those of its entries and of its children, below its last column."""
-    seen, filled = np.full(first[-1], -1), row_start[:-1].copy()
-    child, sibling = _children(tree)
+    seen, (child, sibling) = np.full(first[-1], -1), _children(tree)
     for s in range(tree.shape[0]):
         stop = first[s + 1]
-        for j in range(first[s], stop):
-            for k in range(indptr[j], indptr[j + 1]):
-                i = indices[k]
-                if i >= stop and seen[i] != s:
-                    seen[i], rows[filled[s]] = s, i
-                    filled[s] += 1
+        filled = _add_rows(indices[indptr[first[s]] : indptr[stop]], stop, s, seen, rows, row_start[s])
         c = child[s]
         while c >= 0:
-            for k in range(row_start[c], row_start[c + 1]):
-                i = rows[k]
-                if i >= stop and seen[i] != s:
-                    seen[i], rows[filled[s]] = s, i
-                    filled[s] += 1
+            filled = _add_rows(rows[row_start[c] : row_start[c + 1]], stop, s, seen, rows, filled)
             c = sibling[c]
         rows[row_start[s] : row_start[s + 1]].sort()
 

@@ -9,6 +9,8 @@ import numpy as np
 from ldsim.arrays import Array
 from ldsim.mechanics.scene import Scene
 
+# Of the eye, in diagonals of what it sees.
+DISTANCE = 4.0
 # Of the automatic view, degrees: off the broadside, to the side where the lamp lights it, and above the horizon.
 TURN = 25.0
 RAISED, RAISED_OVER_FLAT = 14.0, 40.0
@@ -24,29 +26,26 @@ class View:
         azimuth: degrees about y; 0 looks along −z from the front, 90 along −x from the right.
         elevation: degrees above the horizontal plane.
         centre: the point looked at, metres.
-        distance: of the eye from the centre, metres; None for parallel (orthographic) projection.
+        distance: of the eye from the centre, metres; by default so far that the projection is all but parallel.
     """
 
     azimuth: float = 30.0
     elevation: float = 18.0
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    distance: float | None = None
+    distance: float = 1e4
 
     def __post_init__(self) -> None:
-        if self.distance is not None and self.distance <= 0:
-            raise ValueError(f"the eye's distance is {self.distance} m; it must be positive, or None for parallel")
+        if self.distance <= 0:
+            raise ValueError(f"the eye's distance is {self.distance} m; it must be positive")
 
 
-def look_at(
-    positions: Array, azimuth: float = 30.0, elevation: float = 18.0, distance_in_diagonals: float | None = 4.0
-) -> View:
-    """A view of all positions (..., 3), metres, from so many diagonals of their bounding box; None for parallel."""
+def look_at(positions: Array, azimuth: float = 30.0, elevation: float = 18.0) -> View:
+    """A view of all positions (..., 3), metres, from some diagonals of their bounding box."""
     points = positions.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = (float(c) for c in (low + high) / 2)
     diagonal = float(np.linalg.norm(high - low))
-    distance = None if distance_in_diagonals is None else max(distance_in_diagonals * diagonal, 1e-9)
-    return View(azimuth, elevation, (x, y, z), distance)
+    return View(azimuth, elevation, (x, y, z), max(DISTANCE * diagonal, 1e-9))
 
 
 def upright(gravity: Array) -> Array:
@@ -96,9 +95,7 @@ def screen_positions(view: View, positions: Array) -> Array:
 
 
 def depths(view: View, screen: Array) -> Array:
-    """Distance (...) of screen positions (..., 3) from the eye; for a parallel view from the centre's plane."""
-    if view.distance is None:
-        return -screen[..., 2]
+    """Distance (...) of screen positions (..., 3) from the eye."""
     eye = np.array([0.0, 0.0, view.distance])
     distance: Array = np.linalg.norm(screen - eye, axis=-1)
     return distance
@@ -109,8 +106,6 @@ def project(view: View, screen: Array) -> Array:
 
     What is behind the eye is put just in front of it: a run that blew up gives an ugly picture, not a crash.
     """
-    if view.distance is None:
-        return screen[..., :2]
     towards = np.minimum(screen[..., 2:] / view.distance, 0.99)
     flat: Array = screen[..., :2] / (1 - towards)
     return flat

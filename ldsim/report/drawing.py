@@ -41,7 +41,6 @@ def draw_mesh(
     triangles: Triangles,
     view: View,
     limits: Array,
-    colour: tuple[float, float, float] = CLAY,
     shades: Array | None = None,
 ) -> PolyCollection:
     """Draw a closed surface by the painter's algorithm: far triangles first, those that face away not at all.
@@ -53,8 +52,7 @@ def draw_mesh(
         view: the camera.
         limits: what the picture shows, (left, right, bottom, top) as `limits_of` gives it; keep it fixed over a
             motion, or the solid seems to breathe.
-        colour: RGB in 0 … 1 of a surface without `shades`.
-        shades: 0 … 1 per vertex, (n,), from little to much distance; colours the surface instead.
+        shades: 0 … 1 per vertex, (n,), from little to much distance; colours the surface, which is of clay otherwise.
 
     Returns:
         The collection of visible triangles, in the order in which they are painted.
@@ -62,7 +60,7 @@ def draw_mesh(
     screen = screen_positions(view, vertices)
     order = _visible_back_to_front(view, screen, triangles)
     corners = screen[triangles[order]]
-    base = np.array([colour]) if shades is None else DISTANCE_COLOURS(shades[triangles[order]].mean(axis=1))[:, :3]
+    base = np.array([CLAY]) if shades is None else DISTANCE_COLOURS(shades[triangles[order]].mean(axis=1))[:, :3]
     rgb = np.clip(base * _light(corners)[:, None], 0, 1)
     polygons = PolyCollection(
         list(project(view, corners)), facecolors=rgb, edgecolors=rgb, linewidths=0.35, antialiaseds=False

@@ -5,14 +5,14 @@ from __future__ import annotations
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def readable(value: float, digits: int = 3) -> str:
-    """Whole numbers in full, others in so many significant digits, without exponent where that stays short."""
+def readable(value: float) -> str:
+    """Whole numbers in full, others in three significant digits, without exponent where that stays short."""
     if value == 0 or isinstance(value, int):
         return _spaced(value)
     if not 1e-4 <= abs(value) < 1e7:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        mantissa, exponent = f"{value:.2e}".split("e")
         return f"{mantissa} · 10{str(int(exponent)).translate(SUPERSCRIPTS)}"
-    rounded = f"{value:#.{digits}g}".rstrip(".")
+    rounded = f"{value:#.3g}".rstrip(".")
     return _spaced(value) if "e" in rounded else rounded
 
 

@@ -6,9 +6,10 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,11 +214,33 @@ def errors_against_k(chunks: Chunks, basis: Basis) -> tuple[Array, Array]:
     return largest, total / count
 
 
-def fit_basis(chunks: Chunks, metric: csr_array, options: PcaOptions) -> Pca:
+class Kept(Protocol):
+    """Where an interrupted fit finds its spectrum again, as plain arrays."""
+
+    def load(self) -> Mapping[str, NDArray[np.generic]] | None:
+        """What was saved of this very fit, or None."""
+
+    def save(self, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+        """Replace what was saved."""
+
+
+def _kept_spectrum(chunks: Chunks, metric: csr_array, wanted: int | None, kept: Kept | None) -> Spectrum:
+    """The spectrum that was kept, in the order of memory in which it was found, or found now."""
+    arrays = None if kept is None else kept.load()
+    if arrays is not None:
+        return Spectrum(arrays["singular_values"].astype(np.float64), arrays["rising"].astype(np.float64).T[:, ::-1])
+    found = spectrum(chunks, metric, wanted)
+    if kept is not None:
+        kept.save({"singular_values": found.singular_values, "rising": found.vectors[:, ::-1].T})
+    return found
+
+
+def fit_basis(chunks: Chunks, metric: csr_array, options: PcaOptions, kept: Kept | None = None) -> Pca:
     """A basis of as many modes as the options ask for.
 
     Args:
         chunks: yields rows of displacements (b, 3n) float32, the same sequence each time it is called.
+        kept: where the spectrum, which takes most of the time, outlives an interruption.
 
     Raises:
         SolverError: k is larger than the number of independent snapshots, or max_k modes miss the tolerance.
@@ -227,7 +250,7 @@ def fit_basis(chunks: Chunks, metric: csr_array, options: PcaOptions) -> Pca:
         raise SolverError("there are no training snapshots; give at least one motion the role train")
     if options.k is not None and options.k > count:
         raise SolverError(f"k = {options.k} but there are only {count} training snapshots; lower pca.k")
-    found = spectrum(chunks, metric, options.k)
+    found = _kept_spectrum(chunks, metric, options.k, kept)
     most = options.k if options.k is not None else min(options.max_k, found.independent)
     basis, singular = leading_modes(chunks, metric, most, found)
     max_error, mean_error = errors_against_k(chunks, basis)

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.errors import LdsimError
-from ldsim.simulator import Handle, Simulator
+from ldsim.simulator import Handle, Simulator, StepRecord
 from ldsim.viewer import protocol
 from ldsim.viewer.fields import FIELDS, SurfaceField
 from ldsim.viewer.payload import MAX_GRABS, GrabFrame, field_bytes, frame_bytes, space_block
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.state import Audience, Held, Look, Statistics, space_frame
+from ldsim.viewer.state import Audience, Held, Look, space_frame
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Session:
         self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
         self._number, self._simulated = 0, 0.0
         self._field_time, self._high = 0.0, 0.0
-        self._statistics: list[Statistics] = []
+        self._records: list[list[StepRecord]] = []  # of each space shown, since the last frame
 
     # What the server calls, from its own thread
 
@@ -143,9 +143,9 @@ class Session:
         """One time step in every space shown."""
         if self.recorder is not None and not self._prepared(self.recorder):
             self._audience.status(self.status())
-        self._statistics = self._statistics or [Statistics() for _ in self._shown]
-        for simulator, statistics in zip(self._shown, self._statistics, strict=True):
-            statistics.add(simulator.step())
+        self._records = self._records or [[] for _ in self._shown]
+        for simulator, records in zip(self._shown, self._records, strict=True):
+            records.append(simulator.step())
         self._simulated += self._shown[0].scene.time_step
 
     def _prepared(self, recorder: Recorder) -> bool:
@@ -160,13 +160,13 @@ class Session:
     def publish(self) -> None:
         """Send the present frame, and now and then the colours."""
         self._number += 1
-        present = self._statistics or [Statistics([0.0], [0], [0]) for _ in self._shown]
+        present = self._records or [[] for _ in self._shown]
         spaces = [space_frame(*pair) for pair in zip(self._shown, present, strict=True)]
         grabs = [GrabFrame(key, held.target, [h.centroid for h in held.handles]) for key, held in self._held.items()]
         recorder = self.recorder
         flags = self.look.paused + (0 if recorder is None else 2 * recorder.recording + 4 * recorder.replaying)
         self._audience.frame(frame_bytes(self._number, self._simulated, self.look.speed, flags, spaces, grabs))
-        self._statistics = []
+        self._records = []
         if self.look.colour in FIELDS and time.perf_counter() - self._field_time > FIELD_EVERY:
             self._publish_fields()
 
@@ -284,7 +284,7 @@ class Session:
         self._held.clear()
         for simulator in self._shown:
             simulator.reset()
-        self._simulated, self._statistics, self._high = 0.0, [], 0.0
+        self._simulated, self._records, self._high = 0.0, [], 0.0
 
     def _show(self, names: tuple[str, ...]) -> None:
         if any(name not in self.offered for name in names) or len(set(names)) < len(names):

@@ -1,9 +1,9 @@
-"""What a session keeps in mind: grabs, the page's choices, who listens, and the statistics between two frames."""
+"""What a session keeps in mind: grabs, the page's choices, who listens, and what a frame says of a space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,34 +47,20 @@ class Audience:
     notice: Callable[[str], object]
 
 
-@dataclass
-class Statistics:
-    """Of the steps since the last frame, in one space."""
-
-    seconds: list[float] = field(default_factory=list)
-    iterations: list[int] = field(default_factory=list)
-    evaluations: list[int] = field(default_factory=list)
-    worst: Outcome = Outcome.SOLVED
-
-    def add(self, record: StepRecord) -> None:
-        """Count one more step."""
-        self.seconds.append(record.seconds)
-        self.iterations.append(record.iterations)
-        self.evaluations.append(record.evaluations)
-        self.worst = max(self.worst, record.outcome, key=OUTCOMES.index)
-
-
-def space_frame(simulator: Simulator, statistics: Statistics) -> SpaceFrame:
-    """What a frame says of one space; of the full one only the surface is sent."""
+def space_frame(simulator: Simulator, records: Sequence[StepRecord]) -> SpaceFrame:
+    """What a frame says of one space and its steps since the last one; of the full space only the surface is sent."""
     q = simulator.coordinates
     if simulator.space.basis is None:
         q = q.reshape(-1, 3)[simulator.surface.vertices].ravel()
+    steps = np.zeros((max(len(records), 1), 4))
+    for row, record in zip(steps, records, strict=False):
+        row[:] = record.seconds, record.iterations, record.evaluations, OUTCOMES.index(record.outcome)
     return SpaceFrame(
         q.astype(np.float32),
-        1e3 * float(np.median(statistics.seconds)),
-        float(np.mean(statistics.iterations)),
-        float(np.mean(statistics.evaluations)),
-        OUTCOMES.index(statistics.worst),
+        1e3 * float(np.median(steps[:, 0])),
+        float(steps[:, 1].mean()),
+        float(steps[:, 2].mean()),
+        int(steps[:, 3].max()),
         sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
         simulator.novelty,
     )

@@ -2,12 +2,13 @@
 
 Every trial runs in a process of its own, so that a crash or a hang is seen for what it is. Outcomes: refused (one line,
 exit status 1), accepted (exit status 0), silent (accepted where it had to be refused), traceback, crash, hang. Only the
-last four are faults; their messages are printed. `--trials` counts those of each attack, kills are a hundredth of it.
+last four are faults; their messages are printed. `--trials` is for each attack; of kills there are a hundredth.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import shutil
@@ -17,12 +18,13 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
 import numpy as np
 from click.testing import CliRunner, Result
+from tqdm import trange
 
 from ldsim.artefacts.opening import datasets
 from ldsim.cli.app import main as ldsim
@@ -86,7 +88,8 @@ def alone(trial: Trial, limit: float = LIMIT) -> str:
 class Campaign:
     """One seed, one small finished run, and the counts of every attack."""
 
-    def __init__(self, config: Path, folder: Path, seed: int) -> None:
+    def __init__(self, config: Path, folder: Path, seed: int, seconds: float) -> None:
+        self.seconds = seconds
         self.config, self.folder, self.rng = config, folder, np.random.default_rng(seed)
         self.counts: dict[str, Counter[str]] = {}
         self.whole, self.made = folder / "whole", folder / "made"
@@ -110,9 +113,17 @@ class Campaign:
         shutil.copytree(self.run, self.made / self.config.stem, copy_function=os.link)
         return self.made / self.config.stem
 
+    def trials(self, most: int) -> Iterator[int]:
+        """The numbers of an attack's trials, as many as its time allows."""
+        started = time.monotonic()
+        for number in trange(most, mininterval=30, file=sys.stderr):
+            if time.monotonic() - started > self.seconds:
+                return
+            yield number
+
     def artefacts(self, trials: int) -> None:
         """Each spoilt artefact, and every command that reads it."""
-        for _ in range(trials):
+        for _ in self.trials(trials):
             kind = str(self.rng.choice(list(READERS)))
             how = str(self.rng.choice(list(OF_ARTEFACTS)))
             run = self.copy()
@@ -146,7 +157,7 @@ class Campaign:
         """Spoilt texts of the configuration."""
         whole = self.config.read_text(encoding="utf-8")
         path = self.folder / "spoilt.yaml"
-        for number in range(trials):
+        for number in self.trials(trials):
             path.write_text(text_spoilt(whole, self.rng), encoding="utf-8")
             said = alone(lambda: outcome(CliRunner().invoke(ldsim, ["settings", str(path)])))
             self.count("configurations", said, f"number {number}")
@@ -178,7 +189,7 @@ class Campaign:
             "off": (surface, lambda path: repaired(read_surface(path))),
             "csv": (recording, lambda path: read_recording(path, "a")),
         }
-        for number in range(trials):
+        for number in self.trials(trials):
             suffix = str(self.rng.choice(list(attacks)))
             whole, read = attacks[suffix]
             path = self.folder / f"a.{suffix}"
@@ -191,7 +202,7 @@ class Campaign:
 
     def kills(self, trials: int) -> None:
         """A stage killed at a random moment and run again: the same datasets as those of the undisturbed run."""
-        for number in range(trials):
+        for number in self.trials(trials):
             stage = str(self.rng.choice(STAGES[:-1]))
             kind = {"mesh": "scene", "snapshot": "snapshots", "pca": "basis", "train": "model"}.get(stage, stage)
             kind = "simulation" if kind == "simulate" else kind
@@ -211,14 +222,13 @@ class Campaign:
             self.count("kills", said, f"{stage} number {number}")
 
     def soak(self, trials: int) -> None:
-        """Violent loads in the three spaces."""
+        """Violent loads in the three spaces, a hundred steps a trial."""
         for space in SPACES:
-            simulator = load(self.run, space, seconds=0.1)
-            with one_thread():
-                soak(simulator, np.random.default_rng(1), trials if space != "full" else trials // 100 // 10 * 10)
-            self.counts[f"steps in the {space} space"] = Counter(
-                {k.name.lower(): v for k, v in simulator.counts.items()}
-            )
+            simulator, rng = load(self.run, space, seconds=0.1), np.random.default_rng(1)
+            for _ in self.trials(trials):
+                soak(simulator, rng, 100)
+            counts = {outcome.name.lower(): count for outcome, count in simulator.counts.items()}
+            self.counts[f"steps in the {space} space"] = Counter(counts)
 
     def rows(self) -> list[Row]:
         rows = []
@@ -262,14 +272,16 @@ def main() -> None:
     arguments.add_argument("--attacks", nargs="+", choices=attacks, default=attacks)
     arguments.add_argument("--trials", type=int, default=5000)
     arguments.add_argument("--seed", type=int, default=0)
+    arguments.add_argument("--seconds", type=float, default=math.inf, help="that an attack may take at most")
     arguments.add_argument("--keep", type=Path, help="folder for the run and for what found something")
     arguments.add_argument("--quick", action="store_true", help="write no results")
     given = arguments.parse_args()
     folder = given.keep or Path(tempfile.mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
-    campaign = Campaign(given.config.resolve(), folder.resolve(), given.seed)
+    campaign = Campaign(given.config.resolve(), folder.resolve(), given.seed, given.seconds)
     for attack in given.attacks:
-        getattr(campaign, attack)(given.trials // 100 if attack == "kills" else given.trials)
+        with one_thread():
+            getattr(campaign, attack)(given.trials // 100 if attack == "kills" else given.trials)
         show(campaign.rows(), attack)
         if not given.quick:
             write_results("faults", called(NAME, ROOM), campaign.rows())

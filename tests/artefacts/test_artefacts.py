@@ -6,6 +6,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ import pytest
 
 from ldsim.artefacts import atomic, partial, store
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
-from ldsim.artefacts.store import Header, check_inputs, dataset_names, file_hash, read_header, reading
+from ldsim.artefacts.store import Header, dataset_names, file_hash
 from ldsim.errors import ArtefactError
+from ldsim.run import Run
 from tests.artefacts.examples import EXAMPLES, Example, same
 from tests.helpers import changed, full_disk
 
@@ -200,16 +202,13 @@ def test_a_dataset_that_no_schema_knows_is_refused(kind: str, artefact: Path) ->
 
 def test_an_input_that_is_not_the_one_read_is_refused(tmp_path: Path) -> None:
     scene, basis = tmp_path / "scene.h5", tmp_path / "basis.h5"
-    EXAMPLES["scene"].write(scene, header("scene"))
-    made_from = Header("basis", "", {"scene": file_hash(scene)})
-    EXAMPLES["basis"].write(basis, made_from)
-    with reading(basis, "basis") as file:
-        found = read_header(file)
-    check_inputs(basis, found, {"scene": scene})
+    EXAMPLES["scene"].write(scene, replace(header("scene"), inputs={}))
+    EXAMPLES["basis"].write(basis, replace(header("basis"), inputs={"scene": file_hash(scene)}))
+    Run(tmp_path, "e").require("basis", "scene")
     with changed(scene) as file:
         file["gravity"][1] = -1.0
     with pytest.raises(ArtefactError, match=r"basis\.h5 was made from another scene than .*scene\.h5"):
-        check_inputs(basis, found, {"scene": scene})
+        Run(tmp_path, "e").require("basis", "scene")
 
 
 # Failed writes

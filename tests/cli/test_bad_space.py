@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import h5py
 import numpy as np
 import pytest
 
+from ldsim.artefacts.opening import datasets
 from ldsim.artefacts.store import file_hash
 from tests.cli.experiments import TINY, Experiment, change, refusal
 from tests.helpers import changed
@@ -65,6 +67,28 @@ def test_no_motion_to_be_judged_on_is_said_in_one_line(experiment: Experiment) -
     assert warnings == [
         "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
     ]
+
+
+def test_an_interrupted_pca_goes_on_where_it_was(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = experiment.run / "basis.h5"
+    with h5py.File(path) as file:
+        whole = {name: file[name][()] for name in datasets(file)}
+    path.unlink()
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ldsim.space.pca.leading_modes", interrupted)
+        assert experiment.invoke("pca").exit_code != 0
+    assert not path.exists()
+    with monkeypatch.context() as patch:
+        patch.setattr("ldsim.space.pca.gram_matrix", interrupted)
+        assert experiment.invoke("pca").exit_code == 0
+    with h5py.File(path) as file:
+        for name, values in whole.items():
+            np.testing.assert_array_equal(file[name][()], values)
+    assert not (experiment.run / "basis.partial").exists()
 
 
 # Cubature

@@ -34,12 +34,6 @@ def test_runs_of_dragging_rows_become_drags(tmp_path: Path) -> None:
     assert (first.stiffness, first.radius) == (30, 0.03)
 
 
-def test_only_the_first_frames_are_used_if_asked(tmp_path: Path) -> None:
-    motion = read_recording(written(tmp_path, HEADER + COLUMNS + "\n".join(ROWS)), "m", frames=2)
-    assert motion.frames == 2
-    assert [(drag.start, drag.stop) for drag in motion.drags] == [(1, 2)]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
