@@ -180,11 +180,11 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
 # All others are finite. Displacements are too large to be looked at before they are used.
 VALUES = {
     ANY: "motions/*/displacements runs/*/*/coordinates runs/*/*/latent",
-    MEASURED: "*/path_errors */path_perturbed_errors */virtual_errors */virtual_judged potential/errors loss search errors "
-    "runs/*/*/seconds runs/*/*/mean_error runs/*/*/max_error runs/*/*/windowed_mean_error runs/*/*/novelty "
+    MEASURED: "*/path_errors */path_perturbed_errors */virtual_errors */virtual_judged potential/errors loss search "
+    "errors runs/*/*/seconds runs/*/*/mean_error runs/*/*/max_error runs/*/*/windowed_mean_error runs/*/*/novelty "
     "runs/*/*/mean_displacement",
-    POSITIVE: "*/path_weights */virtual_weights potential/weights motions/*/drag_stiffness quadrature/weights material/mu "
-    "material/density time_step novelty/reach novelty/threshold",
+    POSITIVE: "*/path_weights */virtual_weights potential/weights motions/*/drag_stiffness quadrature/weights "
+    "material/mu material/density time_step novelty/reach novelty/threshold",
     COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "
     "motions/*/held_count motions/*/support_count motions/*/iterations motions/*/evaluations motions/*/seconds "
     "runs/*/*/iterations runs/*/*/evaluations groups/*/cells singular_values max_error mean_error heldout_max_error "

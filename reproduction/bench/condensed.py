@@ -1,9 +1,9 @@
 """What a condensed latent space is worth beside linear ones, on every motion of finished runs.
 
-The run is made with `train.kind: condensed`. Its latent space is stepped as `ldsim simulate` steps it; the linear spaces
-have every element integrated, which is the best error that they can have and says nothing of their time. A row tells
-how many linear dimensions a condensed coordinate is worth on a motion: none where no dimension swept is as good, and
-then the largest swept is written as what it is worth more than. Results go to reproduction/results/condensed.json.
+The run is made with `train.kind: condensed`. Its latent space is stepped as `ldsim simulate` steps it; the linear
+spaces have every element integrated, which is the best error that they can have and says nothing of their time. A row
+tells how many linear dimensions a condensed coordinate is worth on a motion; where no dimension swept is as good, that
+it is worth more than the largest. Results go to reproduction/results/condensed.json.
 """
 
 from __future__ import annotations
