@@ -19,7 +19,7 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "browser", "cubature", "full_space", "pipeline", "released"),
+    *("batched", "browser", "condensed", "cubature", "full_space", "pipeline", "released"),
     *("soak", "space", "step", "step_parts", "step_sizes"),
 ]
 
