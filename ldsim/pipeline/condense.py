@@ -22,7 +22,7 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.novelty import fit_novelty
 from ldsim.space.pca import leading_modes, orthonormal_rows, spectrum
-from ldsim.space.projection import matching_dimension, reconstruction_error
+from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation, Relaxed
 
 Array = NDArray[np.float64]
@@ -236,7 +236,8 @@ def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) 
         loss=found.loss,
         search=np.array([[r, *(1e3 * errors[0])]]),
         errors=errors,
-        kp=matching_dimension(run.pca.max_error, errors[0, 0]),
+        # by reconstruction a few columns would match, but none of them moves as freely: the rival is the whole basis
+        kp=run.basis.k,
         best_epoch=len(found.loss) - 1,
         novelty=fit_novelty(Decoder.identity(r), IDENTITY, q[:, :r], np.empty((0, r))),
         synthetic=q[recorded:].astype(np.float32) if len(q) > recorded else None,

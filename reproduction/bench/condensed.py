@@ -1,10 +1,11 @@
 """What a condensed latent space is worth beside linear ones and an autoencoder, on every motion of finished runs.
 
 The runs are made with `train.kind: condensed`, or without, for an autoencoder to compare with. The latent space is
-stepped as `ldsim simulate` steps it; the linear spaces have every element integrated, which is the best error that they can have and says nothing of their time. A row
-tells how many linear dimensions a condensed coordinate is worth on a motion; where no dimension swept is as good, that
-it is worth more than the largest. Then loads that no motion had, from rest, beside the full space: gravity of other
-directions, and two grabs at once. Results go to reproduction/results/condensed.json.
+stepped as `ldsim simulate` steps it; the linear spaces have every element integrated, which is the best error that they
+can have and says nothing of their time. A row tells how many linear dimensions a condensed coordinate is worth on a
+motion; where no dimension swept is as good, that it is worth more than the largest. Then loads that no motion had, from
+rest, beside the full space: gravity of other directions, and two grabs at once. Results go to
+reproduction/results/condensed.json.
 """
 
 from __future__ import annotations
