@@ -1,8 +1,9 @@
 """Tries to break the program: spoilt artefacts, configurations, meshes and recordings, kills, violent loads.
 
-Where a crash is possible, a trial runs in a process of its own, so that it is seen for what it is. Outcomes: refused (one line,
-exit status 1), accepted (exit status 0), silent (accepted where it had to be refused), traceback, crash, hang. Only the
-last four are faults; their messages are printed. `--trials` is for each attack; of kills there are a hundredth.
+Where a crash is possible, a trial runs in a process of its own, so that it is seen for what it is. Outcomes: refused
+(one line, exit status 1), accepted (exit status 0), silent (accepted where it had to be refused), traceback, crash,
+hang. Only the last four are faults; their messages are printed. `--trials` is for each attack; of kills there are a
+hundredth.
 """
 
 from __future__ import annotations
