@@ -1,8 +1,9 @@
 """Tries to break the program: spoilt artefacts, configurations, meshes and recordings, kills, violent loads.
 
-Every trial runs in a process of its own, so that a crash or a hang is seen for what it is. Outcomes: refused (one line,
-exit status 1), accepted (exit status 0), silent (accepted where it had to be refused), traceback, crash, hang. Only the
-last four are faults; their messages are printed. `--trials` is for each attack; of kills there are a hundredth.
+Where a crash is possible, a trial runs in a process of its own, so that it is seen for what it is. Outcomes: refused
+(one line, exit status 1), accepted (exit status 0), silent (accepted where it had to be refused), traceback, crash,
+hang. Only the last four are faults; their messages are printed. `--trials` is for each attack; of kills there are a
+hundredth.
 """
 
 from __future__ import annotations
@@ -85,6 +86,22 @@ def alone(trial: Trial, limit: float = LIMIT) -> str:
     return "hang" if not ready else said or f"crash: signal {os.WTERMSIG(status)}"
 
 
+def here(trial: Trial, limit: float = LIMIT) -> str:
+    """The outcome of a trial of nothing compiled, which needs no process of its own."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, limit)
+    try:
+        return trial()
+    except Exception as error:
+        return f"traceback: {error!r}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
 class Campaign:
     """One seed, one small finished run, and the counts of every attack."""
 
@@ -93,7 +110,7 @@ class Campaign:
         self.config, self.folder, self.rng = config, folder, np.random.default_rng(seed)
         self.counts: dict[str, Counter[str]] = {}
         self.whole, self.made = folder / "whole", folder / "made"
-        for stage in STAGES:
+        for stage in STAGES if not (self.whole / config.stem / "report").exists() else ():
             result = self.command(stage, self.whole)
             assert result.exit_code == 0, result.output
         self.run = self.whole / config.stem
@@ -159,7 +176,7 @@ class Campaign:
         path = self.folder / "spoilt.yaml"
         for number in self.trials(trials):
             path.write_text(text_spoilt(whole, self.rng), encoding="utf-8")
-            said = alone(lambda: outcome(CliRunner().invoke(ldsim, ["settings", str(path)])))
+            said = here(lambda: outcome(CliRunner().invoke(ldsim, ["settings", str(path)])))
             self.count("configurations", said, f"number {number}")
 
     def files(self, trials: int) -> None:
@@ -194,7 +211,7 @@ class Campaign:
             whole, read = attacks[suffix]
             path = self.folder / f"a.{suffix}"
             path.write_text(text_spoilt(whole, self.rng), encoding="utf-8")
-            self.count("meshes and recordings", alone(lambda: _read(read, path)), f"{suffix} number {number}")
+            self.count("meshes and recordings", here(lambda: _read(read, path)), f"{suffix} number {number}")
 
     def _mesh_command(self, path: Path) -> object:
         words = ["mesh", str(self.folder / "files.yaml"), "--runs", str(self.folder / "files")]
