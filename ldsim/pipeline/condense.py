@@ -35,7 +35,7 @@ TOGETHER = 8
 # Directions in which the tangents of a pose are learned, this long beside the poses, in energy coordinates.
 DIRECTIONS, LENGTH = 4, 0.3
 # Perturbed poses: a pose times a number, and noise of one of these sizes in standard deviations of all poses.
-STRETCH, NOISE = (0.7, 1.3), (0.1, 0.25, 0.5, 1.0)
+STRETCH, NOISE = (0.7, 1.3), (0.05, 0.1, 0.25, 0.5)
 
 
 def condensed_model(

@@ -31,13 +31,13 @@ Array = NDArray[np.float64]
 
 # The force that no constraint carries may be this share of the forces of a typical strain.
 TOLERANCE = 1e-9
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 30
 # Iterations of L-BFGS that one factor of K serves for before it is made anew.
 RENEWAL = 15
 # Relative residual of the tangents where K is indefinite.
 ACCURACY = 1e-8
 # A path to a far z is cut in halves so often.
-HALVINGS = 6
+HALVINGS = 2
 
 
 @dataclass(frozen=True, eq=False)
