@@ -36,7 +36,7 @@ CONFIGURATIONS: dict[str, tuple[str, str]] = {
     "braces": ("{a: " * 2000, "is not valid YAML"),
     "a date that does not exist": (WHOLE + "date: 2026-02-30\n", "is not valid YAML"),
     "five thousand digits": (with_line("k: 6", f"k: {'9' * 5000}"), "is not valid YAML"),
-    "unknown keys": (WHOLE + "".join(f"key{i}: 1\n" for i in range(50_000)), "and 49990 more"),
+    "unknown keys": (WHOLE + "".join(f"key{i}: 1\n" for i in range(20_000)), "and 19990 more"),
     "aliases of aliases": (LAUGHS, "aliases counted"),
     "an alias of itself": ("a: &a [*a]\n", "aliases counted"),
     "a python object": ("a: !!python/object/apply:os.system [true]\n", "is not valid YAML"),
