@@ -21,10 +21,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+# Grabs whose fields are kept, nine numbers a vertex each.
+REMEMBERED = 64
+
+
 class Compliance:
     """C of a scene and the coordinates V of a condensed space.
 
-    Its factor is made when it is first needed.
+    Its factor is made when it is first needed; `sag` is a call that needs it.
     """
 
     def __init__(self, scene: Scene, coordinates: Basis) -> None:
@@ -43,6 +47,8 @@ class Compliance:
         """What a unit force on the centroid of some vertices moves, by axis of the force, (n, 3, 3), m/N."""
         key = vertices.tobytes()
         if key not in self._known:
+            if len(self._known) >= REMEMBERED:
+                self._known.pop(next(iter(self._known)))
             n = self.scene.mesh.n_vertices
             force = np.zeros((3, n, 3))
             for axis in range(3):

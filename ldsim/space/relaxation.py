@@ -96,7 +96,7 @@ class Relaxation:
         zero = np.zeros((n, 3))
         self._size = float(np.abs(self._pattern.stiffness_blocks(scene.elements, zero, clamp=False)).max())
         self._at_rest = _Constrained(self, zero, exact=True)
-        self.rest = self._derived(zero, Solution(0.0, 0.0, 0, 0, Reason.CONVERGED))
+        self.rest = self._derived(zero, Solution(0.0, 0.0, 0, 0, Reason.CONVERGED), self._at_rest)
 
     @property
     def r(self) -> int:
@@ -174,12 +174,12 @@ class Relaxation:
         """The part of a force that the constraint does not carry: (1 − WᵀVᵀ) f."""
         return force - (self._V.T @ force) @ self.rows
 
-    def _derived(self, u: Array, solution: Solution) -> Relaxed:
-        """λ, S and T at an equilibrium."""
+    def _derived(self, u: Array, solution: Solution, inverse: _Constrained | None = None) -> Relaxed:
+        """λ, S and T at an equilibrium, where K may have been inverted before."""
         force = np.zeros_like(u)
         energy = float(add_elastic_gradient(self.scene.elements, u, force))
         force[self.scene.pinned] = 0.0
-        inverse = _Constrained(self, u, exact=True)
+        inverse = _Constrained(self, u, exact=True) if inverse is None else inverse
         z, multiplier = self.rows @ u.ravel(), self._V.T @ force.ravel()
         tangents = inverse.tangents.T.reshape(*u.shape, -1)
         return Relaxed(z, u, energy, multiplier, inverse.stiffness, tangents, solution)

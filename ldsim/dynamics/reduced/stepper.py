@@ -90,6 +90,8 @@ class ReducedStepper:
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
         self._pins = MovingPins.of(space) if space.lifting is not None and space.lifting.count else None
+        if space.compliance is not None:
+            space.compliance.sag()  # factorises now, not in the step that first grabs
         self._dimensions = (space.decoder.r, space.decoder.k)
         method = Method[options.method.upper()]
         self._renewal_cost = RENEWAL_COST[method]
