@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,11 +120,12 @@ class _Poses:
                 base = self.relaxation.from_pose(self._displacement(int(number)))
             except SolverError:
                 continue
-            found.append(base)
+            found.append(replace(base, inverse=None))
             for _ in range(self._options.condensed.shell):
                 noise = rng.choice(NOISE) * self._spread * rng.normal(size=len(base.z))
                 try:
-                    found.append(self.relaxation(rng.uniform(*STRETCH) * base.z + noise, base))
+                    pose = self.relaxation(rng.uniform(*STRETCH) * base.z + noise, base)
+                    found.append(replace(pose, inverse=None))
                 except SolverError:
                     continue
         return self._arrays([pose for pose in found if pose.stable], np.random.default_rng((piece, 2)))

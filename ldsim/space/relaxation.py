@@ -52,6 +52,7 @@ class Relaxed:
         stiffness: S = ∇²V_eff, (r, r) float64, symmetric; indefinite where the solid has buckled.
         tangents: T = ∂u₀/∂z, (n, 3, r) float64.
         solution: how the equilibrium was found.
+        inverse: of K there, for the poses that are found from it; a factor is large, so who keeps many poses drops it.
     """
 
     z: Array
@@ -61,6 +62,7 @@ class Relaxed:
     stiffness: Array
     tangents: Array
     solution: Solution
+    inverse: _Constrained | None = None
 
     @property
     def stable(self) -> bool:
@@ -122,7 +124,7 @@ class Relaxation:
             SolverError: no equilibrium was found.
         """
         start = np.where(self.scene.pinned[:, None], 0.0, u)
-        return self._derived(*self._settle(start, start))
+        return self._derived(*self._settle(start, _Constrained(self, start, exact=False)))
 
     def residual(self, force: Array) -> Array:
         """C f, what a force (n, 3), N, moves while z is held, to first order at rest, (n, 3) metres."""
@@ -130,21 +132,22 @@ class Relaxation:
 
     def _follow(self, z: Array, start: Relaxed, halvings: int) -> Relaxed:
         guess = start.u + start.tangents @ (z - start.z)
+        near = _Constrained(self, start.u, exact=False) if start.inverse is None else start.inverse
         try:
-            return self._derived(*self._settle(guess, start.u))
+            return self._derived(*self._settle(guess, near))
         except SolverError:
             if halvings == 0:
                 raise
         middle = self._follow(0.5 * (z + start.z), start, halvings - 1)
         return self._follow(z, middle, halvings - 1)
 
-    def _settle(self, guess: Array, near: Array) -> tuple[Array, Solution]:
-        """Minimise V(u) over W u = W guess, from the guess, with K of a pose near by.
+    def _settle(self, guess: Array, near: _Constrained) -> tuple[Array, Solution]:
+        """Minimise V(u) over W u = W guess, from the guess, with the inverse of K at a pose near by.
 
         L-BFGS with the constrained inverse of K for a preconditioner; gradients and directions stay in the kernel of W.
         """
         scene, x = self.scene, guess.ravel().copy()
-        inverse = _Constrained(self, near, exact=False)
+        inverse = near
 
         def objective(u: Array, gradient: Array) -> float:
             force = np.zeros((scene.mesh.n_vertices, 3))
@@ -154,15 +157,16 @@ class Relaxation:
             return float(value)
 
         def refresh(u: Array, iteration: int) -> bool:
+            nonlocal inverse
             if iteration == 0 or iteration % RENEWAL:
                 return False
-            inverse.at(u.reshape(-1, 3))
+            inverse = _Constrained(self, u.reshape(-1, 3), exact=False)
             return True
 
         # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
         tolerance = TOLERANCE * self._size * scene.mesh.diagonal
         norm = max(float(np.linalg.norm(x)), 1.0)
-        solution = minimise(objective, x, inverse.solve, tolerance / norm, 8, MAX_ITERATIONS, refresh)
+        solution = minimise(objective, x, lambda g: inverse.solve(g), tolerance / norm, 8, MAX_ITERATIONS, refresh)
         if not solution.converged and solution.gradient_norm > 1e2 * tolerance:
             raise SolverError(
                 f"no equilibrium was found for a condensed pose ({solution.reason.words}, {solution.gradient_norm:.3g} "
@@ -182,7 +186,7 @@ class Relaxation:
         inverse = _Constrained(self, u, exact=True) if inverse is None else inverse
         z, multiplier = self.rows @ u.ravel(), self._V.T @ force.ravel()
         tangents = inverse.tangents.T.reshape(*u.shape, -1)
-        return Relaxed(z, u, energy, multiplier, inverse.stiffness, tangents, solution)
+        return Relaxed(z, u, energy, multiplier, inverse.stiffness, tangents, solution, inverse)
 
     def factor(self, u: Array, clamp: bool) -> Factor:
         """Of K(u) over the free vertices.
@@ -225,11 +229,6 @@ class _Constrained:
 
     def __init__(self, relaxation: Relaxation, u: Array, exact: bool) -> None:
         self._relaxation = relaxation
-        self.at(u, exact)
-
-    def at(self, u: Array, exact: bool = False) -> None:
-        """Make it anew at another displacement, (n, 3) metres."""
-        relaxation = self._relaxation
         definite = exact
         if exact:
             try:

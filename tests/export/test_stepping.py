@@ -55,7 +55,7 @@ result = given.map(({ model, grabs, taken }) => {
   return grabs.map((now) => {
     const key = JSON.stringify(now.map((grab) => grab.drag));
     if (key !== before) {
-      springs = now.map((grab) => springOn(arrays, taken[grab.drag], grab.stiffness, space.k));
+      springs = now.map((grab) => springOn(arrays.vertices, arrays.basis, taken[grab.drag], grab.stiffness, space.k));
       stepper.potential.springs = springs;
       stepper.renew();
       before = key;
