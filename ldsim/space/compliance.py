@@ -8,6 +8,7 @@ which is local: a dimple where the solid is touched.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ class Compliance:
     def __init__(self, scene: Scene, coordinates: Basis) -> None:
         self.scene, self._coordinates = scene, coordinates
         self._relaxation: Relaxation | None = None
+        self._softness = 1.0
         self._known: dict[bytes, Array] = {}
         self._sags: tuple[Array, Array] | None = None
 
@@ -41,7 +43,13 @@ class Compliance:
         """C f, (n, 3) metres, of a force (n, 3), N."""
         if self._relaxation is None:
             self._relaxation = Relaxation(self.scene, self._coordinates)
-        return self._relaxation.residual(force)
+        return self._softness * self._relaxation.residual(force)
+
+    def stiffened(self, scale: float) -> Compliance:
+        """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
+        other = copy(self)
+        other._softness, other._known, other._sags = self._softness / scale, {}, None
+        return other
 
     def of_grab(self, vertices: Indices) -> Array:
         """What a unit force on the centroid of some vertices moves, by axis of the force, (n, 3, 3), m/N."""

@@ -136,6 +136,14 @@ def test_what_a_force_moves_beside_the_coordinates_leaves_them_alone(relaxation:
     np.testing.assert_allclose(moved.reshape(-1)[unknown], by_hand @ force.reshape(-1)[unknown], atol=1e-12)
 
 
+def test_the_compliance_of_a_stiffer_solid_is_that_of_the_solid_made_stiffer(relaxation: Relaxation) -> None:
+    force = np.random.default_rng(4).normal(size=relaxation.rest.u.shape)
+    scaled = Compliance(relaxation.scene, relaxation.coordinates).stiffened(2.5)
+    made = Compliance(relaxation.scene.stiffened(2.5), relaxation.coordinates)
+    np.testing.assert_allclose(scaled.of(force), made.of(force), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(scaled.sag(), made.sag(), rtol=1e-9, atol=1e-15)
+
+
 def test_statics_under_a_grab_are_those_of_the_full_space_to_first_order() -> None:
     """With its residual compliance, the condensed pose under a spring is off by the square of the displacement."""
     body = beam()

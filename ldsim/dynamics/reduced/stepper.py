@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -201,6 +202,8 @@ class ReducedStepper:
         elements = self._elements
         metric = self._own_metric + (scale - 1) * self._stiffness
         other._model = self._model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
+        if self.space.compliance is not None:
+            other.space = replace(self.space, compliance=self.space.compliance.stiffened(scale))
         other._threads = threading.local()
         return other
 
