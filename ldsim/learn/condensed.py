@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
 from ldsim.learn.network import layers, perceptron
@@ -29,7 +30,6 @@ from ldsim.mechanics.materials import material_number
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
-Array = NDArray[np.float64]
 Watch = Callable[[int, float, float], None]
 
 # Neo-Hookean: its energy grows without bound in compression and extension, and no scene's material is needed for it.

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel
 from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import SettingsError, SolverError
@@ -26,7 +27,6 @@ from ldsim.space.pca import leading_modes, orthonormal_rows, spectrum
 from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation, Relaxed
 
-Array = NDArray[np.float64]
 Frames = Callable[[int], NDArray[np.floating]]
 
 # Where r is left out: columns of the basis are ordered, and more of them cost little.
@@ -60,9 +60,9 @@ def condensed_model(
     relaxation = Relaxation(run.scene, run.basis.columns(r))
     poses = _Poses(relaxation, q[:, :r], displacement, options)
     kept = list(_relaxed(poses, run.folder / "model.partial", progress))
+    _tell_lost(poses.wanted, kept, progress)
     slaved = _slaved_basis(kept, run, options.condensed.columns)
     samples = _samples(kept, slaved, relaxation.rest.stiffness)
-    _tell_lost(poses.wanted, kept, progress)
     with progress.bar("train", options.condensed.steps, "step") as bar:
 
         def watch(step: int, loss: float, error: float) -> None:
@@ -207,6 +207,11 @@ def _samples(pieces: list[_Piece], slaved: Basis, rest_stiffness: Array) -> Cond
 
 def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:
     lost = wanted - sum(len(piece.read()["z"]) for piece in pieces)
+    if lost == wanted:
+        raise SolverError(
+            f"none of {wanted} poses has a stable equilibrium at its coordinates: the solid buckles wherever it was "
+            "taken; use a stiffer material, weaker motions, or train.kind: autoencoder"
+        )
     if lost:
         progress.tell(
             f"note: {lost} of {wanted} poses have no stable equilibrium at their coordinates (buckled, or too far "

@@ -11,16 +11,12 @@ from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 
 # Grabs whose fields are kept, nine numbers a vertex each.
 REMEMBERED = 64

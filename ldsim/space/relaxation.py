@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
@@ -26,8 +27,6 @@ from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.optimise.sparse import Factor
 from ldsim.space.basis import Basis, weighted
-
-Array = NDArray[np.float64]
 
 # The force that no constraint carries may be this share of the forces of a typical strain.
 TOLERANCE = 1e-9

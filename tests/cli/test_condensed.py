@@ -174,3 +174,14 @@ def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None
     with Run(condensed.run) as run:
         arrays = model_arrays(run)
     assert arrays["latent/basis"].shape[1] == arrays["latent/strain_maps"].shape[2]
+
+
+def test_a_solid_that_buckles_wherever_it_was_taken_is_told(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again = Experiment(tmp_path)
+    (again.run / "model.h5").unlink()
+    monkeypatch.setattr(condense.Relaxed, "stable", False)
+    result = again.invoke("train")
+    assert result.exit_code == 1 and "none of 48 poses has a stable equilibrium" in result.output

@@ -17,7 +17,6 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam as beam_mesh
-from ldsim.optimise.sparse import Factor
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 from ldsim.space.relaxation import Relaxation, Relaxed
@@ -117,7 +116,7 @@ def test_where_the_constraint_alone_holds_the_solid_the_derivatives_are_still_ri
     along[:, 0] = -0.25 * body.mesh.vertices[:, 0]
     pose = relaxation(relaxation.encode(along[None])[0])
     with pytest.raises(SolverError):
-        assert isinstance(relaxation.factor(pose.u, clamp=False), Factor)
+        relaxation.factor(pose.u, clamp=False)
     assert not pose.stable
     d = 1e-6 * np.random.default_rng(2).normal(size=6)
     difference = (relaxation(pose.z + d, pose).force - relaxation(pose.z - d, pose).force) / 2
