@@ -91,7 +91,8 @@ class _Poses:
         self.relaxation, self.z, self._displacement, self._options = relaxation, z, displacement, options
         rng = np.random.default_rng((options.seed, 0))
         count = min(options.condensed.poses, len(z))
-        self.chosen = np.sort(rng.permutation(len(z))[:count])
+        # a prefix of one order, so that who asks for more poses relaxes only those that are new
+        self.chosen = rng.permutation(len(z))[:count]
         self._spread = z.std(axis=0)
         values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
         root = (vectors * np.sqrt(values)) @ vectors.T
@@ -103,21 +104,23 @@ class _Poses:
         """How many samples there are, if none is lost."""
         return len(self.chosen) * (1 + self._options.condensed.shell)
 
-    @property
-    def identity(self) -> str:
-        """A hash of all that the relaxed poses depend on."""
-        condensed = self._options.condensed
-        text = f"{self._options.seed} {condensed.poses} {condensed.shell}"
+    def identity(self, piece: int) -> str:
+        """A hash of all that the relaxed poses of a piece depend on."""
+        text = f"{self._options.seed} {self.of(piece)} {self._options.condensed.shell}"
         fields = self.relaxation.coordinates.matrix
         return hashlib.sha256(self.z.tobytes() + fields.tobytes() + text.encode()).hexdigest()
+
+    def of(self, piece: int) -> list[int]:
+        """The numbers of a piece's poses."""
+        return [int(number) for number in self.chosen[piece * TOGETHER : (piece + 1) * TOGETHER]]
 
     def relaxed(self, piece: int) -> dict[str, NDArray[np.generic]]:
         """The samples of one piece; those without an equilibrium, or without a stable one, are left out."""
         found: list[Relaxed] = []
-        for number in self.chosen[piece * TOGETHER : (piece + 1) * TOGETHER]:
-            rng = np.random.default_rng((self._options.seed, 1, int(number)))
+        for number in self.of(piece):
+            rng = np.random.default_rng((self._options.seed, 1, number))
             try:
-                base = self.relaxation.from_pose(self._displacement(int(number)))
+                base = self.relaxation.from_pose(self._displacement(number))
             except SolverError:
                 continue
             found.append(replace(base, inverse=None))
@@ -169,7 +172,7 @@ class _Piece:
 def _relaxed(poses: _Poses, partial: Path, progress: Progress) -> Iterator[_Piece]:
     """All pieces, each kept as soon as it is done; what an earlier run has done is not done again."""
     pieces = range(-(-len(poses.chosen) // TOGETHER))
-    stores = [TrainingStore(partial, f"relaxed{piece}", poses.identity) for piece in pieces]
+    stores = [TrainingStore(partial, f"relaxed{piece}", poses.identity(piece)) for piece in pieces]
     with progress.bar("train: relaxed poses", poses.wanted, "pose") as bar:
         todo = [piece for piece in pieces if stores[piece].load() is None]
         _advance(bar, poses, len(pieces) - len(todo))

@@ -127,7 +127,8 @@ class Relaxation:
 
     def residual(self, force: Array) -> Array:
         """C f, what a force (n, 3), N, moves while z is held, to first order at rest, (n, 3) metres."""
-        return self._at_rest.solve(np.where(self.scene.pinned[:, None], 0.0, force).ravel()).reshape(-1, 3)
+        free = np.where(self.scene.pinned[:, None], 0.0, force)
+        return self._at_rest.solve(free.reshape(1, -1)).reshape(-1, 3)
 
     def _follow(self, z: Array, start: Relaxed, halvings: int) -> Relaxed:
         guess = start.u + start.tangents @ (z - start.z)
@@ -165,7 +166,7 @@ class Relaxation:
         # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
         tolerance = TOLERANCE * self._size * scene.mesh.diagonal
         norm = max(float(np.linalg.norm(x)), 1.0)
-        solution = minimise(objective, x, lambda g: inverse.solve(g), tolerance / norm, 8, MAX_ITERATIONS, refresh)
+        solution = minimise(objective, x, lambda g: inverse.solve(g[None])[0], tolerance / norm, 8, MAX_ITERATIONS, refresh)
         if not solution.converged and solution.gradient_norm > 1e2 * tolerance:
             raise SolverError(
                 f"no equilibrium was found for a condensed pose ({solution.reason.words}, {solution.gradient_norm:.3g} "
@@ -174,8 +175,8 @@ class Relaxation:
         return x.reshape(-1, 3), solution
 
     def without_multiplier(self, force: Array) -> Array:
-        """The part of a force that the constraint does not carry: (1 − WᵀVᵀ) f."""
-        return force - (self._V.T @ force) @ self.rows
+        """The part of forces, (…, 3n), that the constraint does not carry: (1 − WᵀVᵀ) f."""
+        return force - (force @ self._V) @ self.rows
 
     def _derived(self, u: Array, solution: Solution, inverse: _Constrained | None = None) -> Relaxed:
         """λ, S and T at an equilibrium, where K may have been inverted before."""
@@ -188,13 +189,13 @@ class Relaxation:
         return Relaxed(z, u, energy, multiplier, inverse.stiffness, tangents, solution, inverse)
 
     def factor(self, u: Array, clamp: bool) -> Factor:
-        """Of K(u) over the free vertices.
+        """Of K(u) over the free vertices; in single precision where it is clamped, for then it only preconditions.
 
         Raises:
             SolverError: it is not positive definite.
         """
         blocks = self._pattern.stiffness_blocks(self.scene.elements, u, clamp=clamp)
-        return Factor(self._elimination, self._pattern.indptr, self._pattern.columns, blocks)
+        return Factor(self._elimination, self._pattern.indptr, self._pattern.columns, blocks, single=clamp)
 
     def stiffness(self, u: Array) -> csr_array:
         """K(u) with zero rows and columns at the pins, (3n, 3n)."""
@@ -206,11 +207,11 @@ class Relaxation:
 
     def solve(self, factor: Factor, right: Array) -> Array:
         """K⁻¹ of rows (b, 3n); zero at the pins."""
-        order, n = self._pattern.order, self.scene.mesh.n_vertices
-        x = np.zeros((len(right), n, 3))
-        for i, row in enumerate(right.reshape(len(right), n, 3)):
-            x[i, order] = factor.solve(row[order].ravel()).reshape(-1, 3)
-        return x.reshape(len(right), 3 * n)
+        order, n, b = self._pattern.order, self.scene.mesh.n_vertices, len(right)
+        x, some = np.zeros((b, n, 3)), right.reshape(b, n, 3)[:, order].reshape(b, -1)
+        found = factor.solve(some[0])[None] if b == 1 else factor.solve_rows(some)
+        x[:, order] = found.reshape(b, -1, 3)
+        return x.reshape(b, 3 * n)
 
 
 class _Constrained:
@@ -247,34 +248,34 @@ class _Constrained:
     def _correct(self, K: csr_array) -> None:
         """T and S of K from those of the clamped one: T += x, W x = 0, with K T in the range of Wᵀ."""
         T = self.tangents
-        x = np.array([self._conjugate_gradients(K, -(K @ row)) for row in T])
-        exact = T + x
+        exact = T + self._conjugate_gradients(K, -(K @ T.T).T)
         stiffness = exact @ (K @ exact.T)
         self.tangents, self.stiffness = exact, 0.5 * (stiffness + stiffness.T)
 
     def _conjugate_gradients(self, K: csr_array, right: Array) -> Array:
-        """x with W x = 0 and K x = right up to what the constraint carries, (3n,)."""
+        """Rows x with W x = 0 and K x = right up to what the constraint carries, (b, 3n)."""
         relaxation = self._relaxation
         x, residual = np.zeros_like(right), relaxation.without_multiplier(right)
-        target = ACCURACY * float(np.linalg.norm(residual))
-        direction, before = np.zeros_like(right), 1.0
+        target = ACCURACY * np.linalg.norm(residual, axis=1)
+        direction, before = np.zeros_like(right), np.ones(len(right))
         for iteration in range(MAX_ITERATIONS):
-            if float(np.linalg.norm(residual)) <= target:
+            left = np.flatnonzero(np.linalg.norm(residual, axis=1) > target)
+            if not len(left):
                 break
-            step = self.solve(residual)
-            now = float(residual @ step)
-            direction = step + (now / before if iteration else 0.0) * direction
-            image = K @ direction
-            curvature = float(direction @ image)
-            if curvature <= 0:
+            step = self.solve(residual[left])
+            now = np.sum(residual[left] * step, axis=1)
+            direction[left] = step + (now / before[left] if iteration else 0.0 * now)[:, None] * direction[left]
+            image = np.ascontiguousarray((K @ direction[left].T).T)
+            curvature = np.sum(direction[left] * image, axis=1)
+            if curvature.min() <= 0:
                 raise SolverError("a condensed pose has buckled: what its coordinates leave free is in no stable rest")
-            x += now / curvature * direction
-            residual = residual - now / curvature * relaxation.without_multiplier(image)
-            before = now
+            length = (now / curvature)[:, None]
+            x[left] += length * direction[left]
+            residual[left] -= length * relaxation.without_multiplier(image)
+            before[left] = now
         return x
 
     def solve(self, right: Array) -> Array:
-        """The displacement with W u = 0 that a force causes, by the factor, (3n,)."""
-        relaxation = self._relaxation
-        x: Array = relaxation.solve(self._factor, right[None])[0]
-        return x - (relaxation.rows @ x) @ self.tangents
+        """The displacements with W u = 0 that forces cause, by the factor, (b, 3n)."""
+        x = self._relaxation.solve(self._factor, right)
+        return x - (x @ self._relaxation.rows.T) @ self.tangents
