@@ -166,7 +166,9 @@ class Relaxation:
         # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
         tolerance = TOLERANCE * self._size * scene.mesh.diagonal
         norm = max(float(np.linalg.norm(x)), 1.0)
-        solution = minimise(objective, x, lambda g: inverse.solve(g[None])[0], tolerance / norm, 8, MAX_ITERATIONS, refresh)
+        solution = minimise(
+            objective, x, lambda g: inverse.solve(g[None])[0], tolerance / norm, 8, MAX_ITERATIONS, refresh
+        )
         if not solution.converged and solution.gradient_norm > 1e2 * tolerance:
             raise SolverError(
                 f"no equilibrium was found for a condensed pose ({solution.reason.words}, {solution.gradient_norm:.3g} "
