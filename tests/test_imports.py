@@ -44,7 +44,8 @@ ROOMS = (
 )
 NUMERICS = ("errors", "mesh", "optimise", "mechanics", "space", "cubature", "learn", "dynamics")
 OWNERS = {
-    "numba": ("jit", "dynamics/reduced/advance"),
+    "numba": ("jit", "dynamics/reduced/advance", "optimise/lapack"),
+    "llvmlite": ("optimise/lapack",),
     "yaml": ("options", "settings"),
     "pydantic": ("options", "settings", "report/schema", "viewer"),
     "pydantic_core": ("report/schema",),

@@ -7,20 +7,13 @@ unsymmetric: on the X of 29,686 tets it took four times as long to factorise and
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
-from scipy.linalg.lapack import dpotrf, dtrtri, spotrf, strtri
 
-from ldsim.arrays import Array, Indices
+from ldsim.arrays import Array, Indices, Numbers
 from ldsim.errors import SolverError
 from ldsim.jit import njit
 from ldsim.optimise.elimination import Elimination
-
-# float32 or float64, by the precision of the factor.
-Numbers: TypeAlias = NDArray[Any]
+from ldsim.optimise.lapack import potrf, syrk, trsm, trtri
 
 
 class NotPositive(Exception):
@@ -87,28 +80,11 @@ class Factor:
 
     def _factorise(self, indptr: Indices, indices: Indices, blocks: Array, dtype: type) -> Numbers:
         e, start = self._elimination, self._start
-        single, double = (spotrf, strsm, ssyrk, strtri), (dpotrf, dtrsm, dsyrk, dtrtri)
-        potrf, trsm, syrk, trtri = single if dtype is np.float32 else double
         values = np.zeros(start[-1], dtype=dtype)
-        updates: list[list[tuple[int, Numbers]]] = [[] for _ in e.parent]
-        for s, parent in enumerate(e.parent.tolist()):
-            c = 3 * int(e.first[s + 1] - e.first[s])
-            r = 3 * int(e.row_start[s + 1] - e.row_start[s])
-            middle = start[s] + c * c
-            D = values[start[s] : middle].reshape((c, c), order="F")
-            B = values[middle : start[s + 1]].reshape((r, c), order="F")
-            C: Numbers = np.zeros((r, r), dtype=dtype, order="F")
-            _add_entries(indptr, indices, blocks, e.entry_place, e.first[s], e.first[s + 1], D, B)
-            for child, update in updates[s]:
-                _add_update(update, e.place[e.row_start[child] : e.row_start[child + 1]], D, B, C)
-            updates[s] = []
-            _, fault = potrf(D, lower=1, clean=1, overwrite_a=1)
-            if fault:
-                raise NotPositive(f"pivot {3 * int(e.first[s]) + fault} is not positive")
-            if r:
-                trsm(1.0, D, B, side=1, lower=1, trans_a=1, overwrite_b=1)
-                updates[parent].append((s, syrk(-1.0, B, beta=1.0, c=C, lower=1, overwrite_c=1)))
-            trtri(D, lower=1, overwrite_c=1)
+        tree = e.first, e.row_start, e.parent, e.entry_place, e.place
+        fault = _factorise(indptr, indices, blocks, start, *tree, values)
+        if fault:
+            raise NotPositive(f"pivot {fault} is not positive")
         return values
 
 
@@ -118,6 +94,53 @@ def factor_bytes(elimination: Elimination) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _factorise(
+    indptr: Indices,
+    indices: Indices,
+    blocks: Array,
+    start: Indices,
+    first: Indices,
+    row_start: Indices,
+    parent: Indices,
+    entry_place: Indices,
+    place: Indices,
+    values: Numbers,
+) -> int:
+    """L into `values`, one supernode after another; the number of the first pivot that is not positive, or 0.
+
+    One compiled call for all fronts: a call for each took and gave back the interpreter's lock thousands of times, and
+    two threads that factorise were slower than one.
+    """
+    supernodes = len(parent)
+    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
+    for s in range(supernodes - 1, -1, -1):
+        if row_start[s + 1] > row_start[s]:
+            sibling[s], child[parent[s]] = child[parent[s]], s
+    updates = [np.empty((0, 0), dtype=values.dtype) for _ in range(supernodes)]
+    for s in range(supernodes):
+        c, r = 3 * (first[s + 1] - first[s]), 3 * (row_start[s + 1] - row_start[s])
+        middle = start[s] + c * c
+        D = values[start[s] : middle].reshape((c, c)).T
+        B = values[middle : start[s + 1]].reshape((c, r)).T
+        own = np.zeros((r, r), dtype=values.dtype)
+        _add_entries(indptr, indices, blocks, entry_place, first[s], first[s + 1], D, B)
+        other = child[s]
+        while other >= 0:
+            _add_update(updates[other].T, place[row_start[other] : row_start[other + 1]], D, B, own.T)
+            updates[other] = np.empty((0, 0), dtype=values.dtype)
+            other = sibling[other]
+        fault = potrf(D)
+        if fault:
+            return int(3 * first[s] + fault)
+        if r:
+            trsm(D, B)
+            syrk(B, own.T)
+            updates[s] = own
+        trtri(D)
+    return 0
+
+
+@njit
 def _add_entries(
     indptr: Indices, indices: Indices, blocks: Array, entry_place: Indices, begin: int, end: int, D: Numbers, B: Numbers
 ) -> None:
@@ -139,7 +162,7 @@ def _add_entries(
                         B[3 * (i - columns) + a, q + b] += blocks[k, b, a]
 
 
-@njit(cache=True, nogil=True)
+@njit
 def _add_update(update: Numbers, place: Indices, D: Numbers, B: Numbers, C: Numbers) -> None:
     """Adds the lower triangle of a child's update to the front (D, B, C) of its parent."""
     columns = D.shape[0] // 3
