@@ -115,7 +115,10 @@ class _Poses:
         return [int(number) for number in self.chosen[piece * TOGETHER : (piece + 1) * TOGETHER]]
 
     def relaxed(self, piece: int) -> dict[str, NDArray[np.generic]]:
-        """The samples of one piece; those without an equilibrium, or without a stable one, are left out."""
+        """The samples of one piece; where what z leaves free has no stable equilibrium, there is none.
+
+        Where the solid would buckle if z were let go, V_eff curves downwards, and is learned as anywhere else.
+        """
         found: list[Relaxed] = []
         for number in self.of(piece):
             rng = np.random.default_rng((self._options.seed, 1, number))
@@ -131,7 +134,7 @@ class _Poses:
                     found.append(replace(pose, inverse=None))
                 except SolverError:
                     continue
-        return self._arrays([pose for pose in found if pose.stable], np.random.default_rng((piece, 2)))
+        return self._arrays(found, np.random.default_rng((piece, 2)))
 
     def _arrays(self, found: list[Relaxed], rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
         V = self.relaxation.coordinates.fields
@@ -209,7 +212,8 @@ def _samples(pieces: list[_Piece], slaved: Basis, rest_stiffness: Array) -> Cond
 
 
 def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:
-    lost = wanted - sum(len(piece.read()["z"]) for piece in pieces)
+    stiffness = [piece.read()["stiffness"] for piece in pieces]
+    lost = wanted - sum(map(len, stiffness))
     if lost == wanted:
         raise SolverError(
             f"none of {wanted} poses has a stable equilibrium at its coordinates: the solid buckles wherever it was "
@@ -220,6 +224,9 @@ def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:
             f"note: {lost} of {wanted} poses have no stable equilibrium at their coordinates (buckled, or too far "
             "from any motion); the model does not learn from them"
         )
+    bent = sum(int((np.linalg.eigvalsh(each)[:, 0] < 0).sum()) for each in stiffness if len(each))
+    if bent:
+        progress.tell(f"note: in {bent} of {wanted} poses the solid buckles as soon as it is let go")
 
 
 def _moduli(run: Run, options: TrainOptions) -> tuple[NDArray[np.int64], Array, Array]:

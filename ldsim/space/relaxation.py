@@ -48,7 +48,7 @@ class Relaxed:
         u: u₀(z), (n, 3) float64, metres.
         energy: V_eff(z), J.
         force: λ = ∇V_eff, (r,) float64.
-        stiffness: S = ∇²V_eff, (r, r) float64, symmetric; indefinite where the solid has buckled.
+        stiffness: S = ∇²V_eff, (r, r) float64, symmetric; indefinite where the solid would buckle, were z let go.
         tangents: T = ∂u₀/∂z, (n, 3, r) float64.
         solution: how the equilibrium was found.
         inverse: of K there, for the poses that are found from it; a factor is large, so who keeps many poses drops it.
@@ -62,11 +62,6 @@ class Relaxed:
     tangents: Array
     solution: Solution
     inverse: _Constrained | None = None
-
-    @property
-    def stable(self) -> bool:
-        """Whether S is positive definite."""
-        return bool(np.linalg.eigvalsh(self.stiffness)[0] > 0)
 
 
 class Relaxation:

@@ -18,6 +18,7 @@ from ldsim.mechanics.motion import Motion
 from ldsim.pipeline import condense
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
+from ldsim.space.relaxation import Relaxed
 from tests.cli.experiments import TINY, Experiment
 
 SMALL = {"poses": 24, "shell": 1, "points": 8, "features": 4, "columns": 6, "steps": 300}
@@ -176,12 +177,15 @@ def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None
     assert arrays["latent/basis"].shape[1] == arrays["latent/strain_maps"].shape[2]
 
 
-def test_a_solid_that_buckles_wherever_it_was_taken_is_told(
+def test_a_solid_without_an_equilibrium_wherever_it_was_taken_is_told(
     condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def refused(*_: object) -> Relaxed:
+        raise SolverError("a condensed pose has buckled")
+
     shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
     again = Experiment(tmp_path)
     (again.run / "model.h5").unlink()
-    monkeypatch.setattr(condense.Relaxed, "stable", False)
+    monkeypatch.setattr(condense.Relaxation, "from_pose", refused)
     result = again.invoke("train")
     assert result.exit_code == 1 and "none of 48 poses has a stable equilibrium" in result.output
