@@ -4,8 +4,8 @@ V_eff is a sum of hyperelastic points that see z and some learned functions of i
 
     V_eff(z) = Σ_s w_s Ψ(I + G_s [z, f(z)]),
 
-so that it is never negative, zero at rest, and grows with every strain where no sample has been: a plain network is
-too soft there, and a run that leaves the samples is lost. It is fitted to λ(z) = ∇V_eff and to products S(z) v of its
+so that it is never negative, zero at rest, where its Hessian is S₀ exactly, and grows with every strain where no
+sample has been: a plain network is too soft there, and a run that leaves the samples is lost. It is fitted to λ(z) = ∇V_eff and to products S(z) v of its
 Hessian with random directions, in energy coordinates y = S₀^½ z, in which rest is equally stiff along all axes.
 One network gives the functions f and the decoder.
 """
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
-from ldsim.learn.network import layers, perceptron
+from ldsim.learn.network import ACTIVATIONS, layers, perceptron
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.materials import material_number
@@ -44,6 +44,12 @@ KEPT_BACK = 0.1
 JUDGED = 50
 # det F below which the energy goes on as if it allowed inversion, while a fit may still have inverted points.
 LEAST_VOLUME = 0.1
+SLOPES: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "elu": lambda x: x.clamp_max(0).exp(),
+    "relu": lambda x: (x > 0).to(x.dtype),
+    "tanh": lambda x: 1 - x.tanh().square(),
+    "sigmoid": lambda x: x.sigmoid() * (1 - x.sigmoid()),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +60,7 @@ class CondensedSamples:
         z: (N, r). force: λ, (N, r). stiffness: S, (N, r, r).
         slaved: coordinates of u₀(z) − V z in the basis of what is slaved, (N, k).
         directions: some directions of z at each, (N, d, r); along: the slaved part of T along them, (N, d, k).
-        rest_stiffness: S₀, (r, r).
+        rest_stiffness: S₀, (r, r). rest_slaved: T₀ − V in the basis of what is slaved, (r, k).
     """
 
     z: Array
@@ -64,6 +70,7 @@ class CondensedSamples:
     directions: Array
     along: Array
     rest_stiffness: Array
+    rest_slaved: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,20 +93,29 @@ class Condensed:
 class PotentialNetwork(torch.nn.Module):
     """V_eff and the slaved coordinates as functions of y, in units in which the samples are of size one.
 
+    At rest both are exact to first order by construction: the Hessian of V_eff is the identity, and the slaved
+    coordinates move as T₀ does.
+
     Args:
         ratio: λ/μ of the material of each point, (c,).
         spread: root mean square of each slaved coordinate, (k,).
+        tangents: of the slaved coordinates at rest, (r, k).
     """
 
     ratio: torch.Tensor
     spread: torch.Tensor
+    tangents: torch.Tensor
 
-    def __init__(self, r: int, ratio: torch.Tensor, spread: torch.Tensor, options: TrainOptions) -> None:
+    def __init__(
+        self, ratio: torch.Tensor, spread: torch.Tensor, tangents: torch.Tensor, options: TrainOptions
+    ) -> None:
         super().__init__()
+        r = len(tangents)
         points, features, k = len(ratio), options.condensed.features, len(spread)
         self.features = features
         self.network = perceptron([r, *options.hidden, features + k], options.activation)
-        self.linear = torch.nn.Parameter(torch.zeros(r, k))
+        self.activation = ACTIVATIONS[options.activation]()
+        self._slope = SLOPES[options.activation]
         # small strains, so that no point starts inverted
         self.maps = torch.nn.Parameter(0.15 / math.sqrt(r) * torch.randn(9 * points, r + features))
         self.logarithms = torch.nn.Parameter(torch.full((points,), math.log(3.0 / points)))
@@ -108,15 +124,38 @@ class PotentialNetwork(torch.nn.Module):
         torch.nn.init.normal_(last.weight, 0.0, 0.1 / math.sqrt(last.in_features))
         self.register_buffer("ratio", ratio)
         self.register_buffer("spread", spread)
+        self.register_buffer("tangents", tangents)
+
+    def slope(self) -> torch.Tensor:
+        """The Jacobian of the network at rest, (r, m + k)."""
+        first, *others = (each for each in self.network if isinstance(each, torch.nn.Linear))
+        x, J = first.bias, first.weight.T
+        for layer in others:
+            J = (J * self._slope(x)) @ layer.weight.T
+            x = layer(self.activation(x))
+        return J
 
     def heads(self, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The features f, (b, m), and the slaved coordinates, (b, k)."""
-        out = self.network(y) - self.network(torch.zeros_like(y[:1]))
-        return out[:, : self.features], (out[:, self.features :] + y @ self.linear) * self.spread
+        out = self.network(y) - self.network(torch.zeros_like(y[:1])) - y @ self.slope()
+        return out[:, : self.features], out[:, self.features :] * self.spread + y @ self.tangents
+
+    def strain_maps(self) -> torch.Tensor:
+        """G of all points, (9c, r + m): the leading columns such that the Hessian at rest is the identity."""
+        r = len(self.tangents)
+        G = self.maps[:, :r].reshape(-1, 3, 3, r)
+        trace = G[:, 0, 0] + G[:, 1, 1] + G[:, 2, 2]
+        strain = 0.5 * (G + G.transpose(1, 2)) - torch.eye(3, dtype=G.dtype)[:, :, None] * trace[:, None, None] / 3
+        weights = self.logarithms.exp()
+        # Ψ/μ = ‖dev ε‖² + ½ (λ/μ) (tr ε)² for small strains
+        H = 2 * torch.einsum("s,sijp,sijq->pq", weights, strain, strain)
+        H = H + torch.einsum("s,sp,sq->pq", weights * self.ratio, trace, trace)
+        leading = torch.linalg.solve_triangular(torch.linalg.cholesky(H), self.maps[:, :r].T, upper=False).T
+        return torch.cat([leading, self.maps[:, r:]], dim=1)
 
     def energy(self, y: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
         """V_eff, (b,)."""
-        strain = (torch.cat([y, features], dim=1) @ self.maps.T).reshape(len(y), -1, 3, 3)
+        strain = (torch.cat([y, features], dim=1) @ self.strain_maps().T).reshape(len(y), -1, 3, 3)
         F = torch.eye(3, dtype=y.dtype) + strain
         density: torch.Tensor = neo_hookean(F, self.ratio)
         return (density * self.logarithms.exp()).sum(dim=1)
@@ -183,9 +222,11 @@ class _Fit:
         self.kept_back, self.fitted = shuffled[:held], shuffled[held:]
         spread = self.slaved.square().mean(dim=0).sqrt()
         ratio = torch.tensor(moduli[2] / moduli[1])
+        tangents = torch.tensor(np.linalg.inv(self.to_y) @ samples.rest_slaved)
         with torch.random.fork_rng():
             torch.manual_seed(options.seed)
-            self.model = PotentialNetwork(r, ratio, spread.clamp_min(0.01 * float(spread.max())), options).double()
+            shape = ratio, spread.clamp_min(0.01 * float(spread.max())), tangents
+            self.model = PotentialNetwork(*shape, options).double()
         self.optimiser = Soap(self.model.parameters(), RATE)
         # a relative error near rest would count rounding: what is smaller than a share of the median counts as that
         self.floors = [float(share * x.norm(dim=-1).median()) for share, x in self._sizes()]
@@ -247,7 +288,8 @@ class _Fit:
         out = np.concatenate([np.ones(m), spread])
         weights[-1] = np.hstack([np.zeros((len(weights[-1]), r)), weights[-1] * out])
         biases[-1] = np.concatenate([np.zeros(r), biases[-1] * out])
-        skip = np.hstack([np.eye(r), np.zeros((r, m)), F @ model.linear.detach().numpy() * spread])
+        skip = np.hstack([np.eye(r), -F @ model.slope().detach().numpy() * out])
+        skip[:, r + m :] += self.samples.rest_slaved
         decoder = Decoder.network(weights, biases, self.options.activation, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])
         return Condensed(decoder, Encoder((select,), (np.zeros(r),)), self._rule(r, decoder.k), loss)
@@ -255,7 +297,8 @@ class _Fit:
     def _rule(self, r: int, k: int) -> CubatureRule:
         points, mu, _ = self.moduli
         maps = np.zeros((len(points), 9, k))
-        maps[:, :, : r + self.model.features] = self.model.maps.detach().numpy().reshape(len(points), 9, -1)
+        fitted = self.model.strain_maps().detach().numpy()
+        maps[:, :, : r + self.model.features] = fitted.reshape(len(points), 9, -1)
         maps[:, :, :r] = maps[:, :, :r] @ self.to_y
         weights = self.unit**2 * self.model.logarithms.detach().exp().numpy() / mu
         errors = [self.error(poses) for poses in (self.fitted, self.kept_back)]

@@ -17,6 +17,7 @@ from ldsim.errors import SettingsError, SolverError
 from ldsim.jit import in_threads
 from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed
 from ldsim.learn.options import TrainOptions
+from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
 from ldsim.space.basis import Basis, is_identity
@@ -35,8 +36,9 @@ COORDINATES = 16
 TOGETHER = 8
 # Directions in which the tangents of a pose are learned, this long beside the poses, in energy coordinates.
 DIRECTIONS, LENGTH = 4, 0.3
-# Perturbed poses: a pose times a number, and noise of one of these sizes in standard deviations of all poses.
-STRETCH, NOISE = (0.7, 1.3), (0.05, 0.1, 0.25, 0.5)
+# Perturbed poses: one of these shares of the energy of a pose is added, alike in all directions, but never less than
+# `LEAST` of what poses have in the mean, of which `TYPICAL` are looked at.
+SHARES, LEAST, TYPICAL = (0.03, 0.1, 0.3, 1.0), 0.1, 40
 
 
 def condensed_model(
@@ -62,7 +64,7 @@ def condensed_model(
     kept = list(_relaxed(poses, run.folder / "model.partial", progress))
     _tell_lost(poses.wanted, kept, progress)
     slaved = _slaved_basis(kept, run, options.condensed.columns)
-    samples = _samples(kept, slaved, relaxation.rest.stiffness)
+    samples = _samples(kept, slaved, relaxation)
     with progress.bar("train", options.condensed.steps, "step") as bar:
 
         def watch(step: int, loss: float, error: float) -> None:
@@ -93,11 +95,13 @@ class _Poses:
         count = min(options.condensed.poses, len(z))
         # a prefix of one order, so that who asks for more poses relaxes only those that are new
         self.chosen = rng.permutation(len(z))[:count]
-        self._spread = z.std(axis=0)
         values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
+        self._softest = values[0]
         root = (vectors * np.sqrt(values)) @ vectors.T
         size = np.sqrt(np.mean(np.sum((z @ root) ** 2, axis=1)))
         self._to_z = LENGTH * size * np.linalg.inv(root)
+        some = [displacement(int(number)).astype(np.float64) for number in rng.permutation(len(z))[:TYPICAL]]
+        self._typical = float(np.mean([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some]))
 
     @property
     def wanted(self) -> int:
@@ -128,13 +132,24 @@ class _Poses:
                 continue
             found.append(replace(base, inverse=None))
             for _ in range(self._options.condensed.shell):
-                noise = rng.choice(NOISE) * self._spread * rng.normal(size=len(base.z))
                 try:
-                    pose = self.relaxation(rng.uniform(*STRETCH) * base.z + noise, base)
+                    pose = self.relaxation(base.z + self._noise(base, rng), base)
                     found.append(replace(pose, inverse=None))
                 except SolverError:
                     continue
         return self._arrays(found, np.random.default_rng((piece, 2)))
+
+    def _noise(self, base: Relaxed, rng: np.random.Generator) -> Array:
+        """A random change of z, longest where the pose is softest.
+
+        Noise of one size in every coordinate would stretch and press the solid along directions in which it hardly
+        moves: what is curled up when a solid bends far is stiff at rest.
+        """
+        values, vectors = np.linalg.eigh(base.stiffness)
+        energy = rng.choice(SHARES) * max(base.energy, LEAST * self._typical)
+        lengths = np.sqrt(2 * energy / len(values) / np.maximum(np.abs(values), self._softest))
+        change: Array = vectors @ (lengths * rng.normal(size=len(values)))
+        return change
 
     def _arrays(self, found: list[Relaxed], rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
         V = self.relaxation.coordinates.fields
@@ -199,7 +214,7 @@ def _slaved_basis(pieces: list[_Piece], run: Run, most: int) -> Basis:
     return leading_modes(chunks, run.scene.mass, min(most, found.independent), found)[0]
 
 
-def _samples(pieces: list[_Piece], slaved: Basis, rest_stiffness: Array) -> CondensedSamples:
+def _samples(pieces: list[_Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:
     columns: dict[str, list[Array]] = {}
     for arrays in (piece.read() for piece in pieces):
         along = arrays["along"].astype(np.float64)
@@ -208,7 +223,9 @@ def _samples(pieces: list[_Piece], slaved: Basis, rest_stiffness: Array) -> Cond
         for name in ("z", "force", "stiffness", "directions", "slaved", "along"):
             columns.setdefault(name, []).append(np.asarray(projected.get(name, arrays[name]), dtype=np.float64))
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    return CondensedSamples(**joined, rest_stiffness=rest_stiffness)
+    rest, r = relaxation.rest, relaxation.r
+    tangents = np.ascontiguousarray((rest.tangents.reshape(-1, r) - relaxation.coordinates.matrix).T)
+    return CondensedSamples(**joined, rest_stiffness=rest.stiffness, rest_slaved=slaved.project(tangents))
 
 
 def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:

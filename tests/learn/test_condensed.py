@@ -17,6 +17,7 @@ from ldsim.mechanics.materials.kernels import energy
 
 R, K, POINTS = 2, 3, 6
 S0 = np.array([[4.0, 1.0], [1.0, 9.0]])
+T0 = np.array([[0.3, 0.0, -0.1], [0.1, 0.2, 0.4]])
 OPTIONS = TrainOptions(
     kind="condensed", hidden=(16,), condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400)
 )
@@ -37,7 +38,8 @@ def samples(count: int = 200) -> CondensedSamples:
     slaved = np.einsum("ni,nj,ijk->nk", z, z, C)
     along = np.einsum("ndi,nj,ijk->ndk", directions, z, C + C.transpose(1, 0, 2))
     force, stiffness = (np.array([pair[i] for pair in derivatives]) for i in (0, 1))
-    return CondensedSamples(z, force, stiffness, slaved, directions, along, S0)
+    slaved, along = slaved + z @ T0, along + directions @ T0
+    return CondensedSamples(z, force, stiffness, slaved, directions, along, S0, T0)
 
 
 MU, LAM = np.full(POINTS, 2e4), np.full(POINTS, 3e4)
@@ -81,6 +83,18 @@ def test_rest_is_at_rest(fitted: Condensed) -> None:
     still = gradient(fitted, np.zeros(R))
     assert still is not None
     np.testing.assert_allclose(still, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("activation", ["elu", "tanh", "sigmoid", "relu"])
+def test_at_rest_stiffness_and_tangents_are_exact_however_little_was_learned(activation: str) -> None:
+    options = OPTIONS.replace(activation=activation, condensed=OPTIONS.condensed.replace(steps=3))
+    found = fit_condensed(samples(), (np.arange(POINTS), MU, LAM), options, lambda *seen: None)
+    np.testing.assert_allclose(found.decoder.jacobian(np.zeros(R))[-K:], T0.T, atol=1e-12)
+    h = 1e-5
+    for axis in np.eye(R):
+        forward, backward = gradient(found, h * axis), gradient(found, -h * axis)
+        assert forward is not None and backward is not None
+        np.testing.assert_allclose((forward - backward) / (2 * h), S0 @ axis, rtol=1e-4, atol=1e-4)
 
 
 def test_outside_the_samples_the_force_pulls_back_or_the_energy_is_infinite(fitted: Condensed) -> None:
