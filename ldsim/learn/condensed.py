@@ -5,9 +5,9 @@ V_eff is a sum of hyperelastic points that see z and some learned functions of i
     V_eff(z) = Σ_s w_s Ψ(I + G_s [z, f(z)]),
 
 so that it is never negative, zero at rest, where its Hessian is S₀ exactly, and grows with every strain where no
-sample has been: a plain network is too soft there, and a run that leaves the samples is lost. It is fitted to λ(z) = ∇V_eff and to products S(z) v of its
-Hessian with random directions, in energy coordinates y = S₀^½ z, in which rest is equally stiff along all axes.
-One network gives the functions f and the decoder.
+sample has been: a plain network is too soft there, and a run that leaves the samples is lost. It is fitted to
+λ(z) = ∇V_eff and to products S(z) v of its Hessian with random directions, in energy coordinates y = S₀^½ z, in which
+rest is equally stiff along all axes. One network gives the functions f and the decoder.
 """
 
 from __future__ import annotations

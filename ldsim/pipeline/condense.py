@@ -93,12 +93,14 @@ class _Poses:
         self.relaxation, self.z, self._displacement, self._options = relaxation, z, displacement, options
         rng = np.random.default_rng((options.seed, 0))
         count = min(options.condensed.poses, len(z))
-        # a prefix of one order, so that who asks for more poses relaxes only those that are new
-        self.chosen = rng.permutation(len(z))[:count]
         values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
         self._softest = values[0]
         root = (vectors * np.sqrt(values)) @ vectors.T
-        size = np.sqrt(np.mean(np.sum((z @ root) ** 2, axis=1)))
+        y = z @ root
+        # most frames of a motion are near rest, and a run is lost where it is far; who asks for more poses gets a
+        # longer prefix of the same order, so only those that are new are relaxed
+        self.chosen = farthest_points(y, count)
+        size = np.sqrt(np.mean(np.sum(y**2, axis=1)))
         self._to_z = LENGTH * size * np.linalg.inv(root)
         some = [displacement(int(number)).astype(np.float64) for number in rng.permutation(len(z))[:TYPICAL]]
         self._typical = float(np.mean([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some]))
@@ -166,6 +168,16 @@ class _Poses:
             "slaved": np.array(slaved, dtype=np.float32).reshape(-1, size),
             "along": np.array(along, dtype=np.float32).reshape(-1, DIRECTIONS, size),
         }
+
+
+def farthest_points(y: Array, count: int) -> NDArray[np.int64]:
+    """Numbers of `count` rows of y, (N, r), each the farthest from rest, y = 0, and from those before it."""
+    distance, chosen = np.linalg.norm(y, axis=1), np.empty(count, dtype=np.int64)
+    for i in range(count):
+        chosen[i] = distance.argmax()
+        distance = np.minimum(distance, np.linalg.norm(y - y[chosen[i]], axis=1))
+        distance[chosen[: i + 1]] = -1.0  # none twice, where frames repeat
+    return chosen
 
 
 class _Piece:
