@@ -3,26 +3,32 @@
 The runs are made with `train.kind: condensed`, or without, for an autoencoder to compare with. The latent space is
 stepped as `ldsim simulate` steps it; the linear spaces have every element integrated, which is the best error that they
 can have and says nothing of their time. A row tells how many linear dimensions a condensed coordinate is worth on a
-motion; where no dimension swept is as good, that it is worth more than the largest. Then loads that no motion had, from
-rest, beside the full space: gravity of other directions, and two grabs at once. Results go to
-reproduction/results/condensed.json.
+motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors: linear
+elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear elasticity, which
+needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other directions, and two
+grabs at once. Results go to reproduction/results/condensed.json.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.simulate import simulate
 from ldsim.export.arrays import default_pull
 from ldsim.jit import one_thread
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.materials import material_number
 from ldsim.run import Run
+from ldsim.space.condensed_linear import condensed_linear
+from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 from reproduction.bench.space import errors, worth
 from reproduction.bench.space_parts import STOP, measure_stepped
@@ -84,6 +90,29 @@ def under_unseen_loads(run: Run, swept: tuple[int, ...]) -> list[Row]:
     return rows
 
 
+def linear_elasticity(run: Run, motion: str) -> float:
+    """Relative error of a motion, where the full space is of linear elasticity."""
+    scene, full = run.scene, reference(run, motion)
+    stepper = FullStepper(replace(scene, material=np.full_like(scene.material, material_number("linear"))))
+    off = moved = 0.0
+    for frame in simulate(stepper, full.motion, held=full.held):
+        u = full.displacement(scene, frame.number)
+        off += np.linalg.norm(stepper.displacement(frame.state) - u, axis=1).mean()
+        moved += np.linalg.norm(u, axis=1).mean()
+    return off / moved
+
+
+def floors(run: Run, motion: str, label: str) -> list[Row]:
+    """What is reached without any nonlinearity."""
+    r = run.model.decoder.r
+    space = condensed_linear(Relaxation(run.scene, run.basis.columns(r)))
+    condensed = played(ReducedStepper(space, STOP), reference(run, motion)).relative_error
+    return [
+        row(run.experiment, f"floor, {label}, linear elasticity, full space", linear_elasticity(run, motion)),
+        row(run.experiment, f"floor, {label}, condensed linear {r}", condensed),
+    ]
+
+
 def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
     """The rows of one finished run."""
     name, model = run.experiment, run.model
@@ -107,6 +136,7 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
             space = Space.linear(run.scene, run.basis, k)
             online = played(EveryElement(space), reference(run, motion), WINDOW).relative_error
             rows.append(row(name, f"online error, {label}, linear {k}", online))
+        rows += floors(run, motion, label)
         linear = errors(rows, label, "linear")
         for r, error in errors(rows, label, "stepped").items():
             equal = worth(error, linear)
