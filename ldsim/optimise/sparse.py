@@ -36,6 +36,10 @@ class Factor:
         blocks: the 3×3 blocks, (b, 3, 3) float64; those above the diagonal are not read.
         single: hold the factor in float32, for a preconditioner; in float64 where float32 cannot.
 
+    Attributes:
+        values: of each supernode in turn the inverse of its triangle, then the block of the rows below it, both column
+            by column.
+
     Raises:
         SolverError: the matrix is not positive definite, or its factor does not fit in memory.
     """
@@ -43,7 +47,7 @@ class Factor:
     def __init__(
         self, elimination: Elimination, indptr: Indices, indices: Indices, blocks: Array, single: bool = False
     ) -> None:
-        self._elimination = elimination
+        self.elimination = elimination
         columns = np.diff(elimination.first)
         sizes = 9 * columns * (columns + np.diff(elimination.row_start))
         self._start = np.concatenate([[0], np.cumsum(sizes)])
@@ -51,11 +55,11 @@ class Factor:
         try:
             if single:
                 try:
-                    self._values: Numbers = self._factorise(indptr, indices, blocks, np.float32)
+                    self.values: Numbers = self._factorise(indptr, indices, blocks, np.float32)
                     return
                 except NotPositive:
                     pass
-            self._values = self._factorise(indptr, indices, blocks, np.float64)
+            self.values = self._factorise(indptr, indices, blocks, np.float64)
         except NotPositive as error:
             raise SolverError(
                 f"the system matrix of {size} unknowns cannot be factorised ({error}); "
@@ -69,15 +73,15 @@ class Factor:
 
     def solve(self, right: Array) -> Array:
         """x with A x = right, (3f,) float64, to the precision of the factor."""
-        e = self._elimination
-        x = right.astype(self._values.dtype)
+        e = self.elimination
+        x = right.astype(self.values.dtype)
         largest = int((np.diff(e.first) + np.diff(e.row_start)).max(initial=0))
         work = np.empty(3 * largest, dtype=x.dtype)
-        _solve(self._values, self._start, e.first, e.row_start, e.rows, x, work)
+        _solve(self.values, self._start, e.first, e.row_start, e.rows, x, work)
         return x.astype(np.float64)
 
     def _factorise(self, indptr: Indices, indices: Indices, blocks: Array, dtype: type) -> Numbers:
-        e, start = self._elimination, self._start
+        e, start = self.elimination, self._start
         single, double = (spotrf, strsm, ssyrk, strtri), (dpotrf, dtrsm, dsyrk, dtrtri)
         potrf, trsm, syrk, trtri = single if dtype is np.float32 else double
         values = np.zeros(start[-1], dtype=dtype)
