@@ -21,7 +21,7 @@ from ldsim.export.playback import Playback, playback
 from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
-from ldsim.run import REDUCED, Run
+from ldsim.run import AUTO, REDUCED, Run
 from ldsim.space.space import Space
 
 
@@ -78,7 +78,7 @@ class Choice:
 
     format: str
     motion: str | None = None
-    space: str = "latent"
+    space: str = AUTO
     every: int = 1
 
 
@@ -104,12 +104,11 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
     if wanted.model is not None:
         write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
     elif wanted.space is not None:
-        if choice.space not in REDUCED:
-            raise ExportError(
-                f"{choice.format} writes a reduced space, got {choice.space!r}; use {' or '.join(REDUCED)}"
-            )
-        write, title = partial(wanted.space, run.space(choice.space)), run.folder.resolve().name
-        what = f"the model of the {choice.space} space"
+        space = run.chosen if choice.space == AUTO else choice.space
+        if space not in run.cubature:
+            raise ExportError(f"{choice.format} writes a reduced space, got {space!r}; use {' or '.join(REDUCED)}")
+        write, title = partial(wanted.space, run.space(space)), run.folder.resolve().name
+        what = f"the model of the {space} space"
     else:
         assert wanted.motion is not None, "a format writes a motion, a model or a space"
         played = playback(run, choice.motion, choice.space).thinned(choice.every)

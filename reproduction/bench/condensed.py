@@ -97,7 +97,7 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
         chosen = run.cubature["latent"].virtual is not None
         rows.append(row(name, "median error of V_eff's force, poses kept back", model.potential.heldout_error))
         rows.append(row(name, "V_eff was judged better than points of the mesh", chosen))
-    motions = list(run.snapshots.names)
+    motions = list(run.played.names)
     for found in measure_stepped(run, motions):
         unseen = "(heldout)" in found["quantity"] and found["quantity"].startswith("online")
         rows.append({**found, "goal": GOALS.get(solid) if unseen else None})

@@ -45,7 +45,11 @@ TINY: dict[str, Any] = {
     "snapshot": {
         "motions": [
             {"name": "a", "pulls": {"count": 2, "seed": 1, "reach": 0.08, "frames": 12, "rest": 8}},
-            {"name": "b", "role": "heldout", "pulls": {"count": 1, "seed": 2, "reach": 0.08, "frames": 12, "rest": 8}},
+            {
+                "name": "b",
+                "role": "validation",
+                "pulls": {"count": 1, "seed": 2, "reach": 0.08, "frames": 12, "rest": 8},
+            },
         ],
         "workers": 1,
     },

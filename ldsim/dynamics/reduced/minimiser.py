@@ -40,6 +40,8 @@ class Method(IntEnum):
 
 
 LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
+# Of the weak Wolfe condition: the least share of the first slope that is left (Nocedal and Wright 2006, Sec. 3.1).
+CURVATURE = 0.9
 
 
 class Minimisation(NamedTuple):
@@ -47,7 +49,8 @@ class Minimisation(NamedTuple):
 
     tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), or at its rounding. method: a number of `Method`. current:
     precondition with the tangent at a state of the motion, not at rest. renewal: iterations after which the
-    preconditioner is renewed within a step and the memory starts anew.
+    preconditioner is renewed within a step and the memory starts anew. extrapolate: start where earlier steps lead to.
+    wolfe: which line search.
     """
 
     tolerance: float
@@ -55,6 +58,8 @@ class Minimisation(NamedTuple):
     method: int
     current: bool
     renewal: int
+    extrapolate: bool
+    wolfe: bool
 
 
 @kernel()
@@ -169,6 +174,32 @@ def _rounding(model: Reduced, springs: Springs, predictor: Array, z: Array, work
 
 
 @kernel()
+def _wolfe_search(
+    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
+) -> tuple[bool, float, int]:
+    """The same, for a step with sufficient decrease after which the slope has risen to `CURVATURE` of the first.
+
+    Bisection, doubling until there is an upper end (Lewis and Overton 2013, Algorithm 2.6).
+    """
+    d, length, low, high = work.d, 1.0, 0.0, math.inf
+    for evaluations in range(1, MAX_BACKTRACKS + 1):
+        for i in range(z.shape[0]):
+            work.z_new[i] = z[i] + length * d[i]
+        f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
+        slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
+        if not accepts(f, slope, length, f_new, slope_new):
+            high = length
+        elif slope_new < CURVATURE * slope:
+            low = length
+        else:
+            return True, f_new, evaluations
+        length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
+            return False, f, evaluations
+    return False, f, MAX_BACKTRACKS
+
+
+@kernel()
 def step(
     model: Reduced,
     springs: Springs,
@@ -219,7 +250,9 @@ def step(
             renew, count, renewed_at = False, 0, iteration
         slope = _direction(H, newest, count, work)
         accepted, f_new, tried = False, f, 0
-        if slope < 0.0:
+        if slope < 0.0 and options.wolfe:
+            accepted, f_new, tried = _wolfe_search(model, springs, predictor, z, f, slope, work)
+        elif slope < 0.0:
             accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
         evaluations += tried
         if not accepted:
