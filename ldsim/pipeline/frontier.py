@@ -36,7 +36,7 @@ def standings(runs: Runs, motions: Sequence[str]) -> list[Standing]:
     """Every reduced space that ran all of some motions, in the order of its runs; none where no error is known."""
     ran = {space: [own[name] for name in motions if name in own] for space, own in runs.items() if space != "full"}
     return [
-        Standing(space, error, float(np.median(np.concatenate([each.seconds for each in own]))))
+        Standing(space, error, float(np.nanmedian(np.concatenate([each.seconds for each in own]))))
         for space, own in ran.items()
         if len(own) == len(motions) > 0 and (error := _error(own)) is not None
     ]

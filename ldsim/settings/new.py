@@ -187,7 +187,8 @@ snapshot:
   motions:
     - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
     - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
-    - {{name: unseen, role: heldout, pulls: {{count: 5, seed: 3, {pulls}}}}}
+    - {{name: others, role: validation, pulls: {{count: 5, seed: 3, {pulls}}}}}
+    - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
 pca:
   k: {columns}
 train:

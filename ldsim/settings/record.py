@@ -149,6 +149,7 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     content["snapshot"]["motions"] += [
         {"name": "pulls", "role": "train", "pulls": {"count": 8, "seed": 2} | pulls},
         {"name": "others", "role": "validation", "pulls": {"count": 4, "seed": 1} | pulls},
+        {"name": "unseen", "role": "test", "pulls": {"count": 4, "seed": 4} | pulls},
     ]
     for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}

@@ -143,7 +143,7 @@ def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Pat
     assert result.stdout.splitlines()[-1] == "my-rod.yaml: look through it, then `ldsim make my-rod.yaml`"
     settings = load_settings(Path("my-rod.yaml"))
     assert settings.experiment == "my-rod" and settings.train.kind == "condensed"
-    assert set(settings.snapshot.roles) == {"train", "heldout"}
+    assert set(settings.snapshot.roles) == {"train", "validation", "test"}
     with Run(Path("runs/my-rod")) as run:
         assert run.scene.time_step == settings.mesh.time_step
         assert run.header("scene").settings == settings.mesh.dump()
