@@ -19,9 +19,10 @@ endif
 endif
 
 STAGES := mesh snapshot pca train cubature simulate report
-STAMPS := $(STAGES:%=$(RUN)/settings/%.yaml)
+STAMPS := $(patsubst %,$(RUN)/settings/%.yaml,$(STAGES) tests)
 SCENE := $(RUN)/scene.h5
 SNAPSHOTS := $(RUN)/snapshots.h5
+TESTS := $(RUN)/tests.h5
 BASIS := $(RUN)/basis.h5
 MODEL := $(RUN)/model.h5
 CUBATURE := $(RUN)/cubature.h5
@@ -32,7 +33,7 @@ REPORT := $(RUN)/report/report.html
 # One thing at a time even under -j: the stages share out the cores themselves, and simulate is timed.
 .NOTPARALLEL:
 # An artefact is renamed when whole, so an interrupted make must never delete the one that lies there.
-.PRECIOUS: $(SCENE) $(SNAPSHOTS) $(BASIS) $(MODEL) $(CUBATURE) $(SIMULATION) $(REPORT) $(STAMPS)
+.PRECIOUS: $(SCENE) $(SNAPSHOTS) $(TESTS) $(BASIS) $(MODEL) $(CUBATURE) $(SIMULATION) $(REPORT) $(STAMPS)
 # What `make paper` makes: all, or fig9, and QUICK=yes for small versions.
 NAME ?= all
 QUICK ?=

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
-from ldsim.artefacts.store import HEADER, STAGE_OF
+from ldsim.artefacts.store import HEADER, WRITTEN_BY
 from ldsim.cli.app import COMMANDS, main
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
@@ -101,18 +101,20 @@ SYMBOLS = (
 )
 
 NOTES = {
-    "snapshots": "Each group `motions/<name>` has the attributes `role` (`train` or `heldout`), `order` (its place in "
-    "the configuration) and `frames` (N). Drags and held vertices of all drags lie one after another; `drag_frames` "
-    "and `held_count` say where one ends.",
+    "snapshots": "The motions of the roles `train` and `validation`. Each group `motions/<name>` has the attributes "
+    "`role`, `order` (its place in the configuration), `frames` (N) and `identity` (a hash of all that the run depends "
+    "on). Drags and held vertices lie one after another; `drag_frames` and `held_count` say where one ends.",
+    "tests": "The motions of the role `test`, as in snapshots.h5; there may be none. Nothing before `ldsim simulate` "
+    "reads it.",
     "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
     "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
     "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](../guide/theory.md)).",
-    "cubature": "The groups are `latent` and `linear`. The rules of a path are of growing size and "
-    "falling error; `chosen` is the one that the fit was for. The header also has the seconds that each of the two "
-    "fits took.",
-    "simulation": "The path is `runs/<space>/<motion>/…` with the spaces `full`, `linear` and `latent`. The full space "
+    "cubature": "The groups are `latent`, `linear` (of kp columns) and `linear_<k>` of other sizes. The rules of a "
+    "path are of growing size and falling error; `chosen` is the one that the fit was for. The header also has the "
+    "seconds that each fit took.",
+    "simulation": "The path is `runs/<space>/<motion>/…` with the spaces of cubature.h5 and `full`. The full space "
     "is timed on a stretch of the motion only, so its N is smaller. A reduced run that is lost holds NaN from there "
-    "on. The header also names the minimiser that was fastest in each space.",
+    "on. The header also names the minimiser and the points of each space, and in `space` the one to use.",
 }
 
 
@@ -230,9 +232,11 @@ def artefacts_page() -> str:
     text = MADE.format(source="ldsim/artefacts/schema.py") + ARTEFACTS_INTRODUCTION
     text += "".join(f"| {name} | {meaning} |\n" for name, meaning in HEADER_MEANINGS.items())
     text += f"\n## Symbols\n\n{SYMBOLS}\n"
-    for kind, stage in STAGE_OF.items():
+    for kind, stage in WRITTEN_BY.items():
         text += f"\n## {kind}.h5\n\nKind `{kind}`, written by `ldsim {stage}`."
         text += f" {NOTES[kind]}\n\n" if kind in NOTES else "\n\n"
+        if kind == "tests":
+            continue
         text += "| dataset | type | shape | values | unit | meaning |\n|---|---|---|---|---|---|\n"
         text += "".join(_dataset_row(entry) for entry in SCHEMAS[kind])
     return text

@@ -19,7 +19,7 @@ from ldsim.artefacts.records import (
 )
 from ldsim.artefacts.simulation import read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
-from ldsim.artefacts.store import STAGE_OF, Header, file_hash, read_header, reading
+from ldsim.artefacts.store import WRITTEN_BY, Header, file_hash, read_header, reading
 from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
@@ -37,6 +37,7 @@ from ldsim.space.space import Space
 
 REDUCED = ("linear", "latent")
 SPACES = ("full", *REDUCED)
+AUTO = "auto"
 
 
 class Run:
@@ -53,7 +54,7 @@ class Run:
         self._named_by = ""
         self._read: dict[str, tuple[Any, Header]] = {}
         self._hashes: dict[str, str] = {}
-        self._snapshots: Snapshots | None = None
+        self._open: dict[str, Snapshots] = {}
 
     @classmethod
     def open(cls, folder: str | Path) -> Run:
@@ -77,19 +78,20 @@ class Run:
         self.close()
 
     def close(self) -> None:
-        """Close the snapshots, the one artefact that is kept open."""
-        if self._snapshots is not None:
-            self._snapshots.close()
-            self._snapshots = None
+        """Close snapshots.h5 and tests.h5, the artefacts that are kept open."""
+        for found in self._open.values():
+            found.close()
+        self._open.clear()
+        self.__dict__.pop("played", None)
 
     def path(self, kind: str) -> Path:
-        """The file of an artefact: "scene", "snapshots", "basis", "model", "cubature" or "simulation"."""
+        """The file of an artefact: "scene", "snapshots", "tests", "basis", "model", "cubature" or "simulation"."""
         return self.folder / f"{kind}.h5"
 
     def header(self, kind: str) -> Header:
         """The header of an artefact."""
-        if kind == "snapshots":
-            return self.snapshots.header
+        if kind in self._open:
+            return self._open[kind].header
         if kind in self._read:
             return self._read[kind][1]
         with reading(self.path(kind), kind) as file:
@@ -125,11 +127,11 @@ class Run:
 
     def written(self, kind: str) -> None:
         """Forget what was read of an artefact, and what was made of it, because a stage has written it anew."""
-        if kind == "snapshots":
+        if kind in ("snapshots", "tests"):
             self.close()
         self._read.pop(kind, None)
         self._hashes.pop(kind, None)
-        for made in ("lifting", "motions"):
+        for made in ("lifting", "every_lifting", "motions", "played"):
             self.__dict__.pop(made, None)
 
     def stage(self, name: str, options: Options) -> Stage:
@@ -144,26 +146,37 @@ class Run:
 
     @property
     def snapshots(self) -> Snapshots:
-        """The full-space runs of all motions, open for reading until the run is closed."""
-        if self._snapshots is None:
-            self._snapshots = Snapshots(self.path("snapshots"), self.scene.mesh.n_vertices)
-            self.require("snapshots", "scene")
-        return self._snapshots
+        """The full-space runs to learn from and to choose by, open for reading until the run is closed."""
+        return self._opened("snapshots")
+
+    @cached_property
+    def played(self) -> Snapshots:
+        """Those and the motions of the role test, for simulate and what follows: nothing before may look at them."""
+        return self.snapshots.beside(self._opened("tests")) if self.path("tests").is_file() else self.snapshots
+
+    def _opened(self, kind: str) -> Snapshots:
+        if kind not in self._open:
+            self._open[kind] = Snapshots(self.path(kind), self.scene.mesh.n_vertices, kind)
+            self.require(kind, "scene")
+        return self._open[kind]
 
     def recorded(self, motion: str) -> Recorded:
         """A motion as it ran in the full space."""
-        return self.snapshots.recorded(motion)
+        if motion in self.snapshots.names:
+            return self.snapshots.recorded(motion)
+        return self.played.recorded(motion)
 
     def chunks(self, role: str) -> Chunks:
         """Snapshots of all motions of a role, one after another, without what moving pins prescribe."""
-        names = self.snapshots.with_role(role)
-        motions = [self.recorded(name).motion for name in names]
-        return self.lifting.taken_off(lambda: self.snapshots.chunks(names), motions)
+        source, lifting = (self.played, self.every_lifting) if role == "test" else (self.snapshots, self.lifting)
+        names = source.with_role(role)
+        motions = [source.recorded(name).motion for name in names]
+        return lifting.taken_off(lambda: source.chunks(names), motions)
 
     @cached_property
     def motions(self) -> dict[str, Recorded]:
-        """Every motion as it ran in the full space, in the order of the configuration."""
-        return {name: self.recorded(name) for name in self.snapshots.names}
+        """Every motion as it ran in the full space, in the order of the configuration, those of the role test last."""
+        return {name: self.recorded(name) for name in self.played.names}
 
     @property
     def pca(self) -> Pca:
@@ -198,37 +211,66 @@ class Run:
 
     @cached_property
     def lifting(self) -> Lifting:
-        """Of every pin that moves in one of the motions."""
+        """Of every pin that moves in a motion to learn from or to choose by."""
         return Lifting.of(self.scene, [self.recorded(name).motion for name in self.snapshots.names])
+
+    @cached_property
+    def every_lifting(self) -> Lifting:
+        """Of every pin that moves in any motion."""
+        return Lifting.of(self.scene, [recorded.motion for recorded in self.motions.values()])
 
     def space(self, name: str, points: int | None = None, scene: Scene | None = None) -> Space:
         """A space with the cubature rule that was chosen for it.
 
         Args:
-            name: "full", "linear" or "latent".
+            name: "full", "latent", "linear" with kp columns, "linear_20" where a rule for that size was fitted, or
+                "auto" (`chosen`).
             points: take the largest rule of at most so many points of the mesh instead.
             scene: the solid with another material, of which virtual points know nothing (`RulePath.stepped`).
 
         Raises:
             ArtefactError: there is no such space, or what it needs is missing or stale.
         """
-        if name not in SPACES:
-            raise ArtefactError(f"space is {name!r}; known are {', '.join(SPACES)}")
+        name = self.chosen if name == AUTO else name
+        known = SPACES if name in SPACES else ("full", *self.cubature)
+        if name not in known:
+            raise ArtefactError(f"space is {name!r}; known are {AUTO}, {', '.join(known)}")
         solid = self.scene if scene is None else scene
         if name == "full":
             return Space.full(solid)
         basis, model, rules = self.basis, self.model, self.cubature[name]  # the first stage missing is named
         rule = rules.stepped(points, changed_material=scene is not None)
         try:
-            if name == "linear":
-                space = Space.linear(solid, basis, model.kp, rule)
+            if name != "latent":
+                k = model.kp if name == "linear" else int(name.removeprefix("linear_"))
+                space = replace(Space.linear(solid, basis, k, rule), name=name)
             else:
                 space = replace(latent_space(solid, basis, model), rule=rule, novelty=model.novelty)
         except SolverError as error:
             raise ArtefactError(
                 f"model.h5 and cubature.h5 of {self.folder} do not fit its basis.h5 ({error}); delete them and run make"
             ) from error
-        return space.with_lifting(self.lifting if self.path("snapshots").is_file() else None)
+        return space.with_lifting(self.every_lifting if self.path("snapshots").is_file() else None)
+
+    @property
+    def chosen(self) -> str:
+        """The space that simulate found to be the one to use for this solid; latent where it has not run since."""
+        try:
+            header = self.header("simulation")
+            fits = header.inputs.get("cubature") == self.hash("cubature")
+        except ArtefactError:
+            return "latent"
+        return str(header.notes.get("space", "latent")) if fits else "latent"
+
+    @property
+    def quasistatic(self) -> bool:
+        """Whether its full-space runs are equilibria, without inertia."""
+        return bool(self.header("snapshots").notes.get("quasistatic", 0))
+
+    @property
+    def reduced_options(self) -> ReducedOptions:
+        """How its motions are stepped in a reduced space, so that they compare with its full-space runs."""
+        return ReducedOptions(quasistatic=self.quasistatic)
 
     def basis_of(self, space: str) -> Basis:
         """The basis in which a reduced space has its coordinates q; a condensed latent space has one of its own."""
@@ -263,6 +305,11 @@ class Run:
         return self._read[kind][0]
 
 
+def linear_name(k: int, kp: int) -> str:
+    """The name of the linear space of k columns; the one that reconstructs as the decoder does is called linear."""
+    return "linear" if k == kp else f"linear_{k}"
+
+
 def latent_space(scene: Scene, basis: Basis, model: StoredModel) -> Space:
     """The space of a model, with every quadrature point."""
     networks = (model.decoder, model.encoder)
@@ -290,7 +337,7 @@ class Stage:
 
     def header(self, kind: str, inputs: tuple[str, ...] = (), seed: int = -1, **notes: str | float | int) -> Header:
         """The header of the artefact that the stage writes now."""
-        assert STAGE_OF[kind] == self._name
+        assert WRITTEN_BY[kind] == self._name
         return Header(
             kind,
             self._options.dump(),

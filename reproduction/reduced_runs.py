@@ -27,7 +27,7 @@ WINDOW = 0.25
 
 def displacements(run: Run, motion: str) -> Array:
     """All frames of a motion, (N, n, 3), metres; for small meshes."""
-    snapshots = run.snapshots
+    snapshots = run.played
     return np.asarray(snapshots.reader(motion)(0, snapshots.frames(motion)), dtype=np.float64)
 
 
@@ -55,7 +55,7 @@ def reference(run: Run, motion: str, frames: int | None = None) -> Reference:
     """A motion, or its first frames, as it ran in the full space."""
     recorded = run.recorded(motion)
     moved = recorded.motion if frames is None else recorded.motion.first(frames)
-    return Reference(moved, recorded.held, run.snapshots.reader(motion))
+    return Reference(moved, recorded.held, run.played.reader(motion))
 
 
 def play(

@@ -32,6 +32,7 @@ ROOMS = (
     "artefacts",
     "run",
     "simulator",
+    "runtime",
     "pipeline",
     "web",
     "report",

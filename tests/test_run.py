@@ -149,7 +149,7 @@ def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(folder: Path) -> No
 
 
 def test_a_space_that_is_none_is_refused(folder: Path) -> None:
-    with pytest.raises(ArtefactError, match="space is 'latnet'; known are full, linear, latent"):
+    with pytest.raises(ArtefactError, match="space is 'latnet'; known are auto, full, latent, linear"):
         Run.open(folder).space("latnet")
 
 

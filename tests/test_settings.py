@@ -116,13 +116,13 @@ def test_the_smallest_configuration_is_complete(tmp_path: Path) -> None:
             ["snapshot.motions.0.script.gravity.keyframes.0.acceleratoin", "did you mean 'acceleration'?"],
         ),
         ("snapshot.motions.0", {"name": "a", "script": {}}, ["at least one of grabs, moving_pins, gravity"]),
-        ("snapshot.heldout_share", 1.0, ["snapshot.heldout_share", "less than 1"]),
-        ("snapshot.heldout_share", 0.5, ["snapshot", "at least one motion must have the role train"]),
+        ("snapshot.test_share", 1.0, ["snapshot.test_share", "less than 1"]),
+        ("snapshot.test_share", 0.5, ["snapshot", "at least one motion must have the role train"]),
         ("mesh", ..., ["mesh is missing"]),
         ("snapshot", ..., ["snapshot is missing"]),
         ("experiment", ..., ["experiment is missing"]),
         ("mesh.pins", [], ["mesh.pins", "at least 1"]),
-        ("snapshot.motions.0.role", "heldout", ["snapshot", "at least one motion must have the role train"]),
+        ("snapshot.motions.0.role", "test", ["snapshot", "at least one motion must have the role train"]),
     ],
 )
 def test_a_fault_is_named_with_its_path_and_what_is_allowed(
@@ -262,21 +262,21 @@ def of_motions(roles: list[str | None], **keys: object) -> dict[str, Any]:
 
 
 def test_a_share_of_the_motions_without_a_role_is_held_out_by_its_seed(tmp_path: Path) -> None:
-    given: list[str | None] = ["heldout", "train", *[None] * 8]
+    given: list[str | None] = ["test", "train", *[None] * 8]
 
     def roles(seed: int) -> tuple[str, ...]:
-        content = of_motions(given, heldout_share=0.25, heldout_seed=seed)
+        content = of_motions(given, test_share=0.25, test_seed=seed)
         return load_settings(written(tmp_path, content)).snapshot.roles
 
-    assert roles(0)[:2] == ("heldout", "train")
-    assert all(roles(seed)[2:].count("heldout") == 2 for seed in range(10))
+    assert roles(0)[:2] == ("test", "train")
+    assert all(roles(seed)[2:].count("test") == 2 for seed in range(10))
     assert roles(3) == roles(3)
     assert len({roles(seed) for seed in range(10)}) > 3
 
 
 def test_a_small_share_still_holds_one_motion_out(tmp_path: Path) -> None:
-    settings = load_settings(written(tmp_path, of_motions([None, None, None], heldout_share=0.01)))
-    assert sorted(settings.snapshot.roles) == ["heldout", "train", "train"]
+    settings = load_settings(written(tmp_path, of_motions([None, None, None], test_share=0.01)))
+    assert sorted(settings.snapshot.roles) == ["test", "train", "train"]
 
 
 @pytest.mark.parametrize(
@@ -297,6 +297,6 @@ def test_a_bad_script_is_told_like_a_bad_configuration(tmp_path: Path, text: str
 
 
 def test_synthetic_motions_have_inertia(tmp_path: Path) -> None:
-    content = of_motions(["train"], quasistatic=True) | {"train": {"synthetic": {"count": 1, "reach": 0.1}}}
-    with pytest.raises(SettingsError, match="train.synthetic steps with inertia"):
+    content = of_motions(["train"], quasistatic=True) | {"pca": {"synthetic": {"count": 1, "reach": 0.1}}}
+    with pytest.raises(SettingsError, match="pca.synthetic steps with inertia"):
         load_settings(written(tmp_path, content))

@@ -9,6 +9,7 @@ import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating, replacing, writing
 from ldsim.artefacts.opening import opened
-from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, motion_arrays
+from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
@@ -164,6 +165,7 @@ class MotionStore:
             for name in STATISTICS:
                 group[name] = file[f"statistics/{name}"][:]
             group["seconds"] = file["seconds"][:]
+            group.attrs["identity"] = file.attrs["identity"]
         for name, values in motion_arrays(self._motion, held).items():
             group[name] = values
         data = group.create_dataset("displacements", (frames, n_vertices, 3), "f4", chunks=(1, n_vertices, 3))
@@ -179,10 +181,32 @@ class MotionStore:
             path.unlink(missing_ok=True)
 
 
-def write_snapshots(
-    path: Path, header: Header, stores: Sequence[tuple[MotionStore, Motion, str]], n_vertices: int
-) -> None:
-    """Gather finished runs into snapshots.h5 and remove their partial files."""
+class Stored(Protocol):
+    """A finished run of a motion, wherever it lies."""
+
+    def copy_into(self, group: h5py.Group, n_vertices: int) -> None:
+        """Put its datasets into a group of another file."""
+
+    def remove(self) -> None:
+        """Forget what was only there until it was put there."""
+
+
+@dataclass(frozen=True)
+class StoredBefore:
+    """A motion of an artefact that lies there already."""
+
+    snapshots: Snapshots
+    name: str
+
+    def copy_into(self, group: h5py.Group, n_vertices: int) -> None:
+        self.snapshots.copy_into(self.name, group)
+
+    def remove(self) -> None:
+        """Nothing: the artefact is replaced as a whole."""
+
+
+def write_snapshots(path: Path, header: Header, stores: Sequence[tuple[Stored, Motion, str]], n_vertices: int) -> None:
+    """Gather finished runs into snapshots.h5 or tests.h5 and remove their partial files."""
     with creating(path, lambda file: check_datasets(file, header.kind, path)) as file:
         write_header(file, header)
         for order, (store, motion, role) in enumerate(stores):

@@ -77,15 +77,17 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
 def write_basis(path: Path, header: Header, pca: Pca) -> None:
     """Write basis.h5; its inner product goes into the header's notes."""
     kind = "euclidean" if is_identity(pca.basis.metric) else "mass"
-    datasets = {
+    datasets: dict[str, NDArray[np.generic] | float | int] = {
         "U": pca.basis.matrix,
         "singular_values": pca.singular_values,
         "max_error": pca.max_error,
         "mean_error": pca.mean_error,
     }
-    if pca.heldout_max_error is not None and pca.heldout_mean_error is not None:
-        datasets["heldout_max_error"] = pca.heldout_max_error
-        datasets["heldout_mean_error"] = pca.heldout_mean_error
+    if pca.validation_max_error is not None and pca.validation_mean_error is not None:
+        datasets["validation_max_error"] = pca.validation_max_error
+        datasets["validation_mean_error"] = pca.validation_mean_error
+    if pca.synthetic is not None:
+        datasets["synthetic"] = pca.synthetic
     write(path, replace(header, notes={**header.notes, "inner_product": kind}), datasets)
 
 
@@ -96,8 +98,11 @@ def read_basis(path: Path, scene: Scene) -> tuple[Pca, Header]:
         metric = inner_product(scene.mass, str(header.notes["inner_product"]))
         basis = Basis.of(file["U"][:], metric)
         found = [file[name][:] for name in ("singular_values", "max_error", "mean_error")]
-        heldout = [file[name][:] if name in file else None for name in ("heldout_max_error", "heldout_mean_error")]
-        return Pca(basis, *found, *heldout), header
+        validation = [
+            file[name][:] if name in file else None for name in ("validation_max_error", "validation_mean_error")
+        ]
+        synthetic = file["synthetic"][:] if "synthetic" in file else None
+        return replace(Pca(basis, *found, *validation), synthetic=synthetic), header
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +112,11 @@ class StoredModel:
     Attributes:
         loss: training and validation loss after each epoch, (epochs, 2).
         search: r, largest and mean training error in mm of each size tried, (tried, 3).
-        errors: largest and mean vertex error in metres (columns) on training and held-out frames (rows), (2, 2); NaN
-            where there are no held-out motions.
+        errors: largest and mean vertex error in metres (columns) on training and validation frames (rows), (2, 2);
+            NaN where there are no validation motions.
         kp: the PCA dimension whose largest training error matches the autoencoder's.
         search_own: whether each size tried was a training of its own or the leading codes of an ordered one, (tried,).
         novelty: how far a code is from the training codes.
-        synthetic: coordinates of the frames of synthetic motions that were learned from too, (f, k) float32, or None.
         columns: the basis of a condensed space, (3n, k): V, the features of V_eff as zeros, and the slaved part.
         potential: the virtual points of V_eff, of a condensed space.
     """
@@ -126,7 +130,6 @@ class StoredModel:
     best_epoch: int
     search_own: NDArray[np.bool_] | None = None
     novelty: Novelty | None = None
-    synthetic: NDArray[np.float32] | None = None
     columns: Array | None = None
     potential: CubatureRule | None = None
 
@@ -139,11 +142,10 @@ class StoredModel:
         r, k = self.decoder.r, self.decoder.k
         encoded = (len(self.encoder.weights[0]), self.encoder.weights[-1].shape[1]) if self.encoder.weights else (k, r)
         landmarks = r if self.novelty is None else self.novelty.landmarks.shape[1]
-        synthetic = k if self.synthetic is None else self.synthetic.shape[1]
-        if (*encoded, landmarks, synthetic) != (k, r, r, k) or not 1 <= self.kp <= k:
+        if (*encoded, landmarks) != (k, r, r) or not 1 <= self.kp <= k:
             raise SolverError(
                 f"the decoder goes from r = {r} to k = {k}, the encoder from {encoded[0]} to {encoded[1]}, landmarks "
-                f"have {landmarks} numbers, synthetic poses {synthetic}, kp is {self.kp}; they do not belong together"
+                f"have {landmarks} numbers, kp is {self.kp}; they do not belong together"
             )
 
 
@@ -165,8 +167,6 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
         datasets["potential/errors"] = np.array([rule.training_error, rule.heldout_error])
     if model.search_own is not None:
         datasets["search_own"] = model.search_own
-    if model.synthetic is not None:
-        datasets["synthetic"] = model.synthetic
     if model.novelty is not None:
         datasets |= {"novelty/landmarks": model.novelty.landmarks, "novelty/reach": model.novelty.reach}
         datasets["novelty/threshold"] = model.novelty.threshold
@@ -194,7 +194,6 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             int(file["best_epoch"][()]),
             file["search_own"][:] if "search_own" in file else None,
             _novelty(file["novelty"]) if "novelty" in file else None,
-            file["synthetic"][:] if "synthetic" in file else None,
             file["columns"][:] if "columns" in file else None,
             _potential(file["potential"]) if "potential" in file else None,
         )

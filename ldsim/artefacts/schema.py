@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.optimise.solution import Reason
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 # Vertices: of one mesh throughout a run.
 SHARED = ("n",)
 
@@ -65,7 +65,7 @@ class Dataset:
 _RULES = (
     Dataset("*/chosen", "i8", (), "", "number of the rule that the fit was for, from 0, among those of the path"),
     Dataset("*/path_sizes", "i8", ("l",), "", "points of each rule of the path"),
-    Dataset("*/path_errors", "f8", ("l", 2), "", "their relative error on training and held-out poses"),
+    Dataset("*/path_errors", "f8", ("l", 2), "", "their relative error on fitted poses and those kept back"),
     Dataset("*/path_perturbed_errors", "f8", ("l",), "", "their relative error on perturbed poses"),
     Dataset("*/path_points", "i8", ("a",), "", "the points of all rules, indices of quadrature points, rule by rule"),
     Dataset("*/path_weights", "f8", ("a",), "m³", "their weights, > 0"),
@@ -73,7 +73,7 @@ _RULES = (
     Dataset("*/virtual_weights", "f8", ("v",), "m³", "their weights, > 0", True),
     Dataset("*/virtual_maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),
     Dataset("*/virtual_material", "i8", (), "", "number of the material of all of them, where not their points'", True),
-    Dataset("*/virtual_errors", "f8", (3,), "", "their error on fitted, held-out and perturbed poses", True),
+    Dataset("*/virtual_errors", "f8", (3,), "", "their error on fitted, kept-back and perturbed poses", True),
     Dataset("*/virtual_closure", "f8", (), "", "share of the true poses' forces that they were fitted to", True),
     Dataset(
         "*/virtual_judged",
@@ -142,13 +142,15 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("groups/*/cells", "i8", ("c",), "", "its cells; none where it is of faces, edges or points", True),
     ),
     "snapshots": _MOTION,
+    "tests": _MOTION,
     "basis": (
         Dataset("U", "f8", ("d", "k"), "", "columns orthonormal in the inner product, d = 3n"),
         Dataset("singular_values", "f8", ("N",), "", "of the training snapshots"),
         Dataset("max_error", "f8", ("e",), "m", "largest vertex error with 0 … k columns, training"),
         Dataset("mean_error", "f8", ("e",), "m", "mean vertex error with 0 … k columns, training"),
-        Dataset("heldout_max_error", "f8", ("e",), "m", "the same on held-out motions", True),
-        Dataset("heldout_mean_error", "f8", ("e",), "m", "the same on held-out motions", True),
+        Dataset("validation_max_error", "f8", ("e",), "m", "the same on validation motions", True),
+        Dataset("validation_mean_error", "f8", ("e",), "m", "the same on validation motions", True),
+        Dataset("synthetic", "f4", ("f", "k"), "kg^½ m", "coordinates of synthetic motions, learned from too", True),
     ),
     "model": (
         Dataset("decoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
@@ -165,11 +167,10 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("loss", "f8", ("epochs", 2), "kg m²", "training and validation loss after each epoch"),
         Dataset("search", "f8", ("tried", 3), "", "r, largest and mean training error in mm of each size tried"),
         Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
-        Dataset("synthetic", "f4", ("f", "K"), "kg^½ m", "coordinates of synthetic motions, learned from too", True),
         Dataset("novelty/landmarks", "f8", ("L", "r"), "", "training codes", True),
         Dataset("novelty/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
-        Dataset("novelty/threshold", "f8", (), "", "score from which on held-out poses are decoded badly", True),
-        Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and held-out frames"),
+        Dataset("novelty/threshold", "f8", (), "", "score from which on validation poses are decoded badly", True),
+        Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and validation frames"),
         Dataset(
             "kp",
             "i8",
@@ -193,8 +194,8 @@ VALUES = {
     "material/mu material/density time_step novelty/reach novelty/threshold",
     COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "
     "motions/*/held_count motions/*/support_count motions/*/iterations motions/*/evaluations motions/*/seconds "
-    "runs/*/*/iterations runs/*/*/evaluations groups/*/cells singular_values max_error mean_error heldout_max_error "
-    "heldout_mean_error best_epoch potential/points",
+    "runs/*/*/iterations runs/*/*/evaluations groups/*/cells singular_values max_error mean_error "
+    "validation_max_error validation_mean_error best_epoch potential/points",
     index("n"): "mesh/cells quadrature/nodes motions/*/held motions/*/support_vertices groups/*/vertices",
     index("m"): "quadrature/cells",
     index("s"): "*/path_points */virtual_points",

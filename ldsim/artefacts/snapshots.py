@@ -1,10 +1,11 @@
-"""snapshots.h5: the full-space run of every motion, read in pieces."""
+"""snapshots.h5 and tests.h5: the full-space run of every motion, read in pieces."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -18,7 +19,9 @@ from ldsim.mechanics.motion import Drag, Motion, Support
 Array = NDArray[np.float64]
 
 CHUNK_BYTES = 128 << 20
-ROLES = ("train", "heldout")
+# The model learns from the first, choices and thresholds may look at the second, nothing before simulate reads the
+# third.
+ROLES = ("train", "validation", "test")
 STATISTICS = ("iterations", "evaluations", "reason")
 
 
@@ -28,9 +31,10 @@ class Recorded:
 
     Attributes:
         motion: what pulled.
-        role: "train" or "heldout".
+        role: one of `ROLES`.
         held: held vertices of each drag.
         iterations, evaluations, reason, seconds: of each frame, (N,).
+        identity: hash of all that the run depends on.
     """
 
     motion: Motion
@@ -40,6 +44,7 @@ class Recorded:
     evaluations: NDArray[np.int64]
     reason: NDArray[np.int64]
     seconds: Array
+    identity: str = ""
 
 
 def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict[str, NDArray[np.generic]]:
@@ -87,23 +92,30 @@ def _supports(group: h5py.Group) -> tuple[Support, ...]:
 
 
 class Snapshots:
-    """snapshots.h5, open for reading until it is closed; displacements are read in chunks of bounded size.
+    """snapshots.h5 or tests.h5, open for reading until it is closed; displacements are read in chunks of bounded size.
 
     Args:
         n_vertices: of the scene, where that is known.
+        kind: "snapshots" or "tests".
     """
 
-    def __init__(self, path: Path, n_vertices: int | None = None) -> None:
+    def __init__(self, path: Path, n_vertices: int | None = None, kind: str = "snapshots") -> None:
         self._path = path
         with ExitStack() as stack:
-            self._file = stack.enter_context(
-                reading(path, "snapshots", {} if n_vertices is None else {"n": n_vertices})
-            )
-            self.header: Header = read_header(self._file)
-            groups = self._file["motions"]
+            file = stack.enter_context(reading(path, kind, {} if n_vertices is None else {"n": n_vertices}))
+            self.header: Header = read_header(file)
+            groups = file["motions"] if "motions" in file else {}
             ordered = sorted(groups, key=lambda name: int(groups[name].attrs["order"]))
+            self._groups = {name: groups[name] for name in ordered}
             self._recorded = {name: _recorded(groups[name], name) for name in ordered}
             self._open = stack.pop_all()
+
+    def beside(self, others: Snapshots) -> Snapshots:
+        """These motions and after them others, open as long as both are."""
+        both = copy(self)
+        both._groups, both._recorded = self._groups | others._groups, self._recorded | others._recorded
+        both._open = ExitStack()
+        return both
 
     def __enter__(self) -> Snapshots:
         return self
@@ -156,10 +168,16 @@ class Snapshots:
 
         return frame
 
+    def copy_into(self, name: str, group: h5py.Group) -> None:
+        """Copy a motion into its group of another file."""
+        for key, data in self._groups[name].items():
+            data.file.copy(data, group, name=key)
+        group.attrs["identity"] = self._recorded[name].identity
+
     def chunks(self, names: list[str]) -> Iterator[NDArray[np.float32]]:
         """Rows of displacements (b, 3n) float32 of the given motions, in bounded pieces."""
         for name in names:
-            frames, n, _ = self._file["motions"][name]["displacements"].shape
+            frames, n, _ = self._groups[name]["displacements"].shape
             rows = max(CHUNK_BYTES // (n * 12), 1)
             for start in range(0, frames, rows):
                 part = self._read(name, start, min(start + rows, frames))
@@ -167,7 +185,7 @@ class Snapshots:
 
     def _read(self, name: str, start: int, stop: int) -> NDArray[np.float32]:
         try:
-            found: NDArray[np.float32] = self._file["motions"][name]["displacements"][start:stop]
+            found: NDArray[np.float32] = self._groups[name]["displacements"][start:stop]
         except OSError as error:
             raise ArtefactError(
                 f"{self._path} is damaged ({str(error).splitlines()[0]}); delete it and run make"
@@ -181,4 +199,6 @@ def _recorded(group: h5py.Group, name: str) -> Recorded:
     role = group.attrs["role"]
     if role not in ROLES or len(group["displacements"]) != motion.frames:
         raise ValueError(f"motion {name!r} has the role {role!r} and {len(group['displacements'])} of its frames")
-    return Recorded(motion, role, held, *(group[key][:] for key in (*STATISTICS, "seconds")))
+    columns = (group[key][:] for key in (*STATISTICS, "seconds"))
+    recorded = Recorded(motion, role, held, *columns)
+    return replace(recorded, identity=str(group.attrs.get("identity", "")))

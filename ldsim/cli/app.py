@@ -13,6 +13,7 @@ from ldsim import __version__
 from ldsim.errors import LdsimError
 
 COMMANDS = {
+    "new": "Look at a solid and write settings that fit it.",
     "mesh": "Read or make the mesh and write the scene.",
     "snapshot": "Run the motions in the full space.",
     "pca": "Find the linear basis.",

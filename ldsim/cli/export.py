@@ -10,7 +10,7 @@ import click
 from ldsim import __version__
 from ldsim.export.formats import FORMATS, Choice, export
 from ldsim.jit import one_thread
-from ldsim.run import SPACES, Run
+from ldsim.run import AUTO, SPACES, Run
 
 EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, entry in FORMATS.items())
 
@@ -21,7 +21,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--format", "name", metavar="NAME", help="One of the formats below.")
 @click.option("--playground", is_flag=True, help="The same as --format playground.")
 @click.option("--motion", metavar="NAME", help="Which motion; left out, the run's first.")
-@click.option("--space", default="latent", show_default=True, metavar="|".join(SPACES), help="Which space's run of it.")
+@click.option("--space", default=AUTO, show_default=True, metavar="|".join((AUTO, *SPACES)), help="Which space's run.")
 @click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Write only every N-th frame.")
 @click.option("--output", type=click.Path(path_type=Path), help="File or new folder; left out, RUN/export/….")
 def command(

@@ -19,11 +19,11 @@ from ldsim.viewer.serving import serve
 @click.option(
     "--space",
     "spaces",
-    type=click.Choice(["latent", "linear", "full"]),
+    type=click.Choice(["auto", "latent", "linear", "full"]),
     multiple=True,
-    default=("latent",),
+    default=("auto",),
     show_default=True,
-    help="What to show at first; several stand side by side.",
+    help="What to show at first; several stand side by side. auto: what simulate chose for this solid.",
 )
 @port_option
 @browser_option

@@ -8,6 +8,8 @@ import click
 
 from ldsim import __version__
 from ldsim.errors import SettingsError
+from ldsim.pipeline.solid import solid_of
+from ldsim.run import Run
 from ldsim.settings import load_settings, write_stamps
 
 
@@ -20,7 +22,8 @@ from ldsim.settings import load_settings, write_stamps
     help="Instead, write one file a stage with all it depends on, touching only those that changed (for make).",
 )
 @click.option("--experiment", help="Refuse a configuration of another experiment (for make).")
-def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
+@click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+def command(config: Path, stamps: Path | None, experiment: str | None, runs: Path) -> None:
     settings = load_settings(config)
     if experiment not in (None, settings.experiment):
         raise SettingsError(
@@ -29,5 +32,7 @@ def command(config: Path, stamps: Path | None, experiment: str | None) -> None:
         )
     if stamps is None:
         click.echo(settings.dump(), nl=False)
+        for line in solid_of(Run(runs / settings.experiment), settings.mesh, settings.snapshot, config.parent):
+            click.echo(f"# {line}")
     else:
         write_stamps(settings, config.parent, stamps)

@@ -83,9 +83,15 @@ def flags_of(kind: type[Options]) -> Callable[[AnyFunction], AnyFunction]:
 
 def _type(annotation: object) -> click.ParamType[Any]:
     """What click makes of a type; for one that may be left out, of the other."""
-    if get_origin(annotation) is Literal:
-        return click.Choice(get_args(annotation))
-    simple: dict[object, click.ParamType[Any]] = {int: click.INT, float: click.FLOAT, Path: click.Path(path_type=Path)}
+    simple: dict[object, click.ParamType[Any]] = {
+        int: click.INT,
+        float: click.FLOAT,
+        str: click.STRING,
+        Path: click.Path(path_type=Path),
+    }
+    for each in (annotation, *get_args(annotation)):
+        if get_origin(each) is Literal:
+            return click.Choice(get_args(each))
     inner = [annotation, *get_args(annotation), *(each for some in get_args(annotation) for each in get_args(some))]
     return next(simple[each] for each in inner if each in simple)
 

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from ldsim.errors import SettingsError
 from ldsim.options import Field, Options, Positive, Seed
+
+# The sizes of the linear space lie about this factor apart.
+ROOT = 2**0.5
+# A tolerance that no rule meets.
+NEVER = 1e-12
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -54,7 +60,9 @@ class VirtualOptions(Options):
     """How virtual points are fitted: points with strain maps of their own."""
 
     points: Annotated[int, Field(ge=0, description="Most virtual points of the latent rule; 0 for none.")] = 24
-    linear_points: Annotated[int, Field(ge=0, description="The same for the linear rule.")] = 0
+    linear_points: Annotated[
+        int | None, Field(ge=0, description="The same for the linear rules; left out, as many as for the latent one.")
+    ] = None
     poses: Annotated[
         int, Field(ge=2, description="Most poses to fit; half recorded ones where there are synthetic ones too.")
     ] = 5000
@@ -72,7 +80,15 @@ class VirtualOptions(Options):
 class CubatureOptions(FitOptions):
     """The choice of the rules of the latent space and of its linear rival."""
 
-    linear_max_points: Annotated[int, Field(ge=1, description="Most points of the linear rule.")] = 500
+    linear_max_points: Annotated[int, Field(ge=1, description="Most points of a linear rule.")] = 500
+    linear_sizes: Annotated[
+        tuple[Annotated[int, Field(ge=1)], ...] | None,
+        Field(description="Dimensions of the linear space besides kp; left out, some below and above it."),
+    ] = None
+    equal_points: Annotated[
+        bool,
+        Field(description="Give the linear space of kp columns as many points as the latent one (paper, Table 1)."),
+    ] = False
     poses: Annotated[int, Field(ge=1, description="Poses of the training motions to fit.")] = 400
     heldout_poses: Annotated[int, Field(ge=1, description="Poses of the training motions kept back from the fit.")] = (
         200
@@ -82,10 +98,33 @@ class CubatureOptions(FitOptions):
         int, Field(ge=0, description="That share out the poses; 0 for one a core. The result is the same.")
     ] = 0
 
-    def linear(self) -> CubatureOptions:
-        """The same for the linear space: its own sizes, and no closure, for its poses are the true ones."""
-        return self.replace(
-            max_points=self.linear_max_points,
-            terms=self.terms.replace(closure=0.0),
-            virtual=self.virtual.replace(points=self.virtual.linear_points),
-        )
+    def linear(self, points: int | None = None) -> CubatureOptions:
+        """The same for the linear space, with its own sizes.
+
+        Args:
+            points: just so many, whatever their error.
+        """
+        virtual = self.virtual
+        if virtual.linear_points is not None:
+            virtual = virtual.replace(points=virtual.linear_points)
+        if points is not None:
+            return self.replace(max_points=points, tolerance=NEVER, virtual=virtual)
+        return self.replace(max_points=self.linear_max_points, virtual=virtual)
+
+    def sizes(self, kp: int, k: int) -> tuple[int, ...]:
+        """The dimensions of the linear space that are fitted, falling, without kp.
+
+        Args:
+            k: columns of the basis.
+
+        Raises:
+            SettingsError: one that is asked for is larger.
+        """
+        wanted = {round(kp / ROOT), k} | ({round(k / 2)} if kp == k else set())
+        if k > ROOT * kp:
+            wanted.add(round((kp * k) ** 0.5))
+        if self.linear_sizes is not None:
+            wanted = set(self.linear_sizes)
+        if max(wanted, default=0) > k:
+            raise SettingsError(f"cubature.linear_sizes has {max(wanted)}; the basis has {k} columns (pca.k)")
+        return tuple(sorted(wanted - {kp, 0}, reverse=True))

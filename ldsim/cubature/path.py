@@ -84,8 +84,13 @@ class RulePath:
         return fitting[-1] if fitting else self.rules[0]
 
     def meets(self, tolerance: float) -> bool:
-        """Whether the chosen rule has at most this relative error on the poses of its fit."""
-        return self.best.training_error <= tolerance
+        """Whether the chosen rule has at most this relative error on the poses of its fit and on those kept back."""
+        return self.worst_error <= tolerance
+
+    @property
+    def worst_error(self) -> float:
+        """The larger of the chosen rule's relative errors on the poses of its fit and on those kept back."""
+        return float(np.fmax(self.best.training_error, self.best.heldout_error))
 
 
 class PathBuilder:

@@ -12,6 +12,7 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.folder import replacing_folder
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
+from ldsim.export.c_library import write_c
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
 from ldsim.export.paraview import write_vtu_series, write_xdmf
@@ -20,7 +21,8 @@ from ldsim.export.playback import Playback, playback
 from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
-from ldsim.run import Run
+from ldsim.run import AUTO, REDUCED, Run
+from ldsim.space.space import Space
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Format:
     Attributes:
         meaning: what is written, a phrase.
         suffix: of the file; empty for a folder of files.
-        motion, model: the writer; one of them is given, by what it writes.
+        motion, model, space: the writer; one of them is given, by what it writes: a motion, all reduced spaces, or one.
         extra: the package that it needs beyond the installed ones.
     """
 
@@ -46,6 +48,7 @@ class Format:
     suffix: str = ""
     motion: Callable[[Playback, Path], None] | None = None
     model: Callable[[Run, Path], None] | None = None
+    space: Callable[[Space, Path], None] | None = None
     extra: Extra | None = None
 
 
@@ -64,6 +67,7 @@ FORMATS: dict[str, Format] = {
     "npz": Format("the reduced model as NumPy arrays", ".npz", model=write_npz),
     "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
     "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),
+    "c": Format("the model and the C library that steps it, with an example", space=write_c),
     "playground": Format("one web page that simulates, without a server", ".html", model=write_playground),
 }
 
@@ -74,7 +78,7 @@ class Choice:
 
     format: str
     motion: str | None = None
-    space: str = "latent"
+    space: str = AUTO
     every: int = 1
 
 
@@ -99,8 +103,14 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
     write: Callable[[Path], None]
     if wanted.model is not None:
         write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
+    elif wanted.space is not None:
+        space = run.chosen if choice.space == AUTO else choice.space
+        if space not in run.cubature:
+            raise ExportError(f"{choice.format} writes a reduced space, got {space!r}; use {' or '.join(REDUCED)}")
+        write, title = partial(wanted.space, run.space(space)), run.folder.resolve().name
+        what = f"the model of the {space} space"
     else:
-        assert wanted.motion is not None, "a format writes a motion or a model"
+        assert wanted.motion is not None, "a format writes a motion, a model or a space"
         played = playback(run, choice.motion, choice.space).thinned(choice.every)
         lost = f", {played.lost} left out because the run diverged" if played.lost else ""
         write, title = partial(wanted.motion, played), played.title

@@ -11,7 +11,7 @@ from ldsim.arrays import Array
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
-from ldsim.run import SPACES, Run
+from ldsim.run import AUTO, SPACES, Run
 from ldsim.space.lifting import Lifting
 
 
@@ -88,8 +88,9 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
     Raises:
         ExportError: there is no such motion or space, or the run diverged in its first frame.
     """
-    _known("space", space, SPACES)
-    motions = run.snapshots.names
+    space = run.chosen if space == AUTO else space
+    _known("space", space, SPACES if space in SPACES else ("full", *run.simulation))
+    motions = run.played.names
     if space == "full":
         return _full(run, _known("motion", motion or motions[0], motions))
     ran = run.simulation[space]
@@ -109,12 +110,12 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
 
 
 def _full(run: Run, motion: str) -> Playback:
-    read = run.snapshots.reader(motion)
+    read = run.played.reader(motion)
 
     def displacement(frame: int) -> Array:
         return np.asarray(read(frame, frame + 1)[0], dtype=np.float64)
 
-    return Playback(motion, "full", run.scene, run.scene.time_step, run.snapshots.frames(motion), displacement)
+    return Playback(motion, "full", run.scene, run.scene.time_step, run.played.frames(motion), displacement)
 
 
 def _known(what: str, name: str, known: Iterable[str]) -> str:

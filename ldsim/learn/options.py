@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from ldsim.mechanics.options import PullOptions
-from ldsim.options import Field, Options, Positive, Seed
+from ldsim.options import Field, Options, Positive, Seed, model_validator
 
 Width = Annotated[int, Field(ge=1, le=2000)]
 
@@ -69,12 +68,6 @@ class TrainOptions(Options):
     ] = None
     smoothness: Annotated[LossTerm | None, Field(description="Curvature of the decoder between poses.")] = None
     denoising: Annotated[Denoising | None, Field(description="Noise on the encoder's input; left out, none.")] = None
-    synthetic: Annotated[
-        PullOptions | None,
-        Field(
-            description="Random pulls, run in the linear space of all k columns, to learn from beside the snapshots."
-        ),
-    ] = None
     recorded_share: Annotated[
         float, Field(ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it.")
     ] = 0.5
@@ -93,3 +86,10 @@ class TrainOptions(Options):
     device: Annotated[
         str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
     ] = "auto"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _moved(cls, given: object) -> object:
+        if isinstance(given, dict) and "synthetic" in given:
+            raise ValueError("synthetic is a key of the section pca now: the motions turn its basis too; move it there")
+        return given

@@ -13,8 +13,17 @@ from ldsim.mesh.surface import surface_vertices
 
 def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
     """Random pulls at the movable surface of a scene."""
-    movable = np.intersect1d(surface_vertices(scene.mesh), scene.free)
-    return random_pulls(name, scene.mesh.vertices[movable], options)
+    return random_pulls(name, scene.mesh.vertices[_movable_surface(scene)], options)
+
+
+def spread_points(scene: Scene, count: int) -> Indices:
+    """Vertices of the movable surface, each the farthest from those before, (count,)."""
+    movable = _movable_surface(scene)
+    return movable[_spread(scene.mesh.vertices[movable], count, np.random.default_rng(0))]
+
+
+def _movable_surface(scene: Scene) -> Indices:
+    return np.intersect1d(surface_vertices(scene.mesh), scene.free)
 
 
 def random_pulls(name: str, points: Array, options: PullOptions) -> Motion:

@@ -17,6 +17,10 @@ from ldsim.jit import kernel
 from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
 from ldsim.optimise.solution import Reason, Solution
 
+# A pair is kept above this cosine between s and y: no Hessian that doubles can hold has one below √ε, and the estimate
+# of its inverse grows with the reciprocal.
+CURVED = math.sqrt(EPSILON)
+
 
 @kernel()
 def backward_loop(S: Array, Y: Array, rho: Array, alpha: Array, newest: int, count: int, d: Array) -> None:
@@ -70,7 +74,7 @@ class Memory:
             return
         # where the energy curves down, the pair would make H indefinite and the next direction uphill
         curvature = float(s @ y)
-        if curvature <= 1e-14 * math.sqrt(float(s @ s) * float(y @ y)):
+        if curvature <= CURVED * math.sqrt(float(s @ s) * float(y @ y)):
             return
         self._newest = (self._newest + 1) % len(self.S)
         self._count = min(self._count + 1, len(self.S))

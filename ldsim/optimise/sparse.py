@@ -29,6 +29,10 @@ class Factor:
         blocks: the 3×3 blocks, (b, 3, 3) float64; those above the diagonal are not read.
         single: hold the factor in float32, for a preconditioner; in float64 where float32 cannot.
 
+    Attributes:
+        values: of each supernode in turn the inverse of its triangle, then the block of the rows below it, both column
+            by column.
+
     Raises:
         SolverError: the matrix is not positive definite, or its factor does not fit in memory.
     """
@@ -36,7 +40,7 @@ class Factor:
     def __init__(
         self, elimination: Elimination, indptr: Indices, indices: Indices, blocks: Array, single: bool = False
     ) -> None:
-        self._elimination = elimination
+        self.elimination = elimination
         columns = np.diff(elimination.first)
         sizes = 9 * columns * (columns + np.diff(elimination.row_start))
         self._start = np.concatenate([[0], np.cumsum(sizes)])
@@ -44,11 +48,11 @@ class Factor:
         try:
             if single:
                 try:
-                    self._values: Numbers = self._factorise(indptr, indices, blocks, np.float32)
+                    self.values: Numbers = self._factorise(indptr, indices, blocks, np.float32)
                     return
                 except NotPositive:
                     pass
-            self._values = self._factorise(indptr, indices, blocks, np.float64)
+            self.values = self._factorise(indptr, indices, blocks, np.float64)
         except NotPositive as error:
             raise SolverError(
                 f"the system matrix of {size} unknowns cannot be factorised ({error}); "
@@ -62,24 +66,24 @@ class Factor:
 
     def solve(self, right: Array) -> Array:
         """x with A x = right, (3f,) float64, to the precision of the factor."""
-        e = self._elimination
-        x = right.astype(self._values.dtype)
+        e = self.elimination
+        x = right.astype(self.values.dtype)
         largest = int((np.diff(e.first) + np.diff(e.row_start)).max(initial=0))
         work = np.empty(3 * largest, dtype=x.dtype)
-        _solve(self._values, self._start, e.first, e.row_start, e.rows, x, work)
+        _solve(self.values, self._start, e.first, e.row_start, e.rows, x, work)
         return x.astype(np.float64)
 
     def solve_rows(self, right: Array) -> Array:
         """The same for many right sides, (b, 3f) float64, which read the factor once."""
-        e = self._elimination
-        x = np.ascontiguousarray(right.T, dtype=self._values.dtype)
+        e = self.elimination
+        x = np.ascontiguousarray(right.T, dtype=self.values.dtype)
         largest = int((np.diff(e.first) + np.diff(e.row_start)).max(initial=0))
         work = np.empty(3 * largest * len(right), dtype=x.dtype)
-        _solve_columns(self._values, self._start, e.first, e.row_start, e.rows, x, work)
+        _solve_columns(self.values, self._start, e.first, e.row_start, e.rows, x, work)
         return np.ascontiguousarray(x.T, dtype=np.float64)
 
     def _factorise(self, indptr: Indices, indices: Indices, blocks: Array, dtype: type) -> Numbers:
-        e, start = self._elimination, self._start
+        e, start = self.elimination, self._start
         values = np.zeros(start[-1], dtype=dtype)
         tree = e.first, e.row_start, e.parent, e.entry_place, e.place
         fault = _factorise(indptr, indices, blocks, start, *tree, values)

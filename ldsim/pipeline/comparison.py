@@ -7,7 +7,7 @@ its minimisers, found on a trial stretch that also serves as warm-up; errors aga
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,11 @@ TRIALS = 3
 CHUNK = 64
 
 # The minimisers that compete for each reduced space.
-MINIMISERS: dict[str, ReducedOptions] = {
-    "L-BFGS, rest stiffness": ReducedOptions(method="lbfgs", current=False),
-    "L-BFGS, current stiffness": ReducedOptions(method="lbfgs"),
-    "BFGS kept across steps": ReducedOptions(method="bfgs"),
-    "Newton": ReducedOptions(method="newton"),
+MINIMISERS: dict[str, Mapping[str, str | bool]] = {
+    "L-BFGS, rest stiffness": {"method": "lbfgs", "current": False},
+    "L-BFGS, current stiffness": {"method": "lbfgs"},
+    "BFGS kept across steps": {"method": "bfgs"},
+    "Newton": {"method": "newton"},
 }
 
 
@@ -121,12 +121,12 @@ def _recorded(
     return Trajectory(counts[:, 0], counts[:, 1], counts[:, 2], seconds, q, latent)
 
 
-def run_full(scene: Scene, reference: Reference, frames: range, tolerance: float) -> Trajectory:
+def run_full(scene: Scene, reference: Reference, frames: range, options: FullOptions) -> Trajectory:
     """Step through some frames of a motion in the full space, for its time.
 
     It starts from the full-space run, or where none is known from rest, and then runs up to the frames first.
     """
-    stepper = FullStepper(scene, FullOptions(tolerance=tolerance))
+    stepper = FullStepper(scene, options)
     motion, held = reference.motion, reference.held
     if reference.frames is None:
         run, start = range(frames.stop), stepper.rest()
@@ -147,17 +147,27 @@ def stretch(motion: Motion, count: int) -> range:
     return range(first, min(first + count, motion.frames))
 
 
-def fastest(space: Space, reference: Reference, options: ReducedOptions) -> tuple[str, ReducedStepper]:
+def fastest(
+    space: Space,
+    reference: Reference,
+    options: ReducedOptions,
+    minimisers: Mapping[str, Mapping[str, str | bool]] = MINIMISERS,
+) -> tuple[str, ReducedStepper]:
     """The minimiser with the least median step on a trial stretch where no step fails; ties go to fewer failures.
 
     They are tried in turns, and the least of each counts: a machine may be half as fast for a second.
 
     Args:
-        options: whose tolerance and most iterations hold for all.
+        options: whose tolerance, most iterations and inertia hold for all.
+        minimisers: name → what it has as `MinimiserOptions`.
     """
     frames = range(stretch(reference.motion, TRIAL_FRAMES).stop)
-    common = {"tolerance": options.tolerance, "max_iterations": options.max_iterations}
-    steppers = {name: ReducedStepper(space, kind.model_copy(update=common)) for name, kind in MINIMISERS.items()}
+    names = ("tolerance", "max_iterations", "quasistatic")
+    common = {name: getattr(options, name) for name in names}
+    steppers = {
+        name: ReducedStepper(space, ReducedOptions.model_validate({**kind, **common}))
+        for name, kind in minimisers.items()
+    }
     failed, least = dict.fromkeys(steppers, 0), dict.fromkeys(steppers, np.inf)
     for stepper in steppers.values():
         run_reduced(stepper, reference, frames[:2])
@@ -216,10 +226,12 @@ def _distances(q: Array, space: Space, full: NDArray[np.floating]) -> Array:
     return distance
 
 
-def windowed_error(space: Space, reference: Reference, window: float) -> float:
+def windowed_error(
+    space: Space, reference: Reference, window: float, options: ReducedOptions = ReducedOptions()
+) -> float:
     """Online error of a motion that is restarted from its full-space run every window of so many seconds."""
     space = space.with_lifting(Lifting.of(space.scene, [reference.motion]))
-    run = run_reduced(ReducedStepper(space), reference, restart=restarts_every(space.scene, window))
+    run = run_reduced(ReducedStepper(space, options), reference, restart=restarts_every(space.scene, window))
     error = with_errors(run, run, space, reference).relative_error
     assert error is not None
     return error
@@ -230,12 +242,26 @@ def restarts_every(scene: Scene, window: float) -> int:
     return max(round(window / scene.time_step), 1)
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What is run and timed of a motion.
+
+    Attributes:
+        full_frames: frames of the full space.
+        window: seconds between restarts from the full space, for the windowed error.
+        minimisers: that compete for each reduced space; see `fastest`.
+    """
+
+    full_frames: int
+    window: float
+    minimisers: Mapping[str, Mapping[str, str | bool]] = field(default_factory=lambda: MINIMISERS)
+
+
 def compare_motion(
     spaces: Sequence[Space],
     reference: Reference,
     options: ReducedOptions,
-    full_frames: int,
-    window: float,
+    measured: Measured,
     progress: Callable[[], object],
 ) -> Iterator[tuple[str, Trajectory, str]]:
     """Run one motion in the full space (a stretch, for its time) and in each reduced space (whole, and windowed).
@@ -245,13 +271,16 @@ def compare_motion(
     Yields the space's name, its trajectory and its minimiser.
     """
     scene = spaces[0].scene
-    full = run_full(scene, reference, stretch(reference.motion, full_frames), options.stop(scene))
+    of_full = FullOptions(tolerance=options.stop(scene), quasistatic=options.quasistatic)
+    full = run_full(scene, reference, stretch(reference.motion, measured.full_frames), of_full)
     yield "full", full, "L-BFGS, warped factor"
     lifting = Lifting.of(scene, [reference.motion])
     for space in (space.with_lifting(lifting) for space in spaces):
-        name, stepper = fastest(space, reference, options)
+        name, stepper = fastest(space, reference, options, measured.minimisers)
         trajectory = run_reduced(stepper, reference, progress=progress)
         if reference.frames is not None:
-            windowed = run_reduced(stepper, reference, restart=restarts_every(scene, window), progress=progress)
+            windowed = run_reduced(
+                stepper, reference, restart=restarts_every(scene, measured.window), progress=progress
+            )
             trajectory = with_errors(trajectory, windowed, space, reference)
         yield space.name, trajectory, name

@@ -275,7 +275,7 @@ def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) 
     columns[:, :r], columns[:, k - slaved.k :] = V.matrix, rows[r:].T
     basis = Basis.of(columns, scene.mass)
     networks = found.encoder, found.decoder
-    errors = np.array([reconstruction_error(run.chunks(role), basis, *networks) for role in ("train", "heldout")])
+    errors = np.array([reconstruction_error(run.chunks(role), basis, *networks) for role in ("train", "validation")])
     return StoredModel(
         decoder=found.decoder,
         encoder=found.encoder,
@@ -286,7 +286,6 @@ def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) 
         kp=run.basis.k,
         best_epoch=len(found.loss) - 1,
         novelty=fit_novelty(Decoder.identity(r), IDENTITY, q[:, :r], np.empty((0, r))),
-        synthetic=q[recorded:].astype(np.float32) if len(q) > recorded else None,
         columns=columns,
         potential=found.potential,
     )

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from ldsim.artefacts.records import write_cubature
 from ldsim.cubature.choose import Judge, PoseSplit, choose_on_mesh, choose_virtual
 from ldsim.cubature.options import CubatureOptions
-from ldsim.cubature.path import RulePath, VirtualFit
+from ldsim.cubature.path import RulePath, Tell, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace
 from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
 from ldsim.jit import one_thread
 from ldsim.pipeline.comparison import Reference, windowed_error
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.run import Run, latent_space
+from ldsim.run import Run, latent_space, linear_name
 from ldsim.space.lifting import Lifting
 from ldsim.space.projection import all_coordinates
 from ldsim.space.space import Space
@@ -28,14 +28,17 @@ Array = NDArray[np.float64]
 INPUTS = ("scene", "snapshots", "basis", "model")
 # Seconds between restarts of the runs that virtual points are judged by.
 WINDOW = 0.25
+# Fits to a smaller tolerance where poses that were kept back miss it, and what is aimed at there, as a share of it.
+AIMS, AIM = 2, 0.95
 
 
 def cubature(
     run: Run, options: CubatureOptions = CubatureOptions(), progress: Progress = SILENT
 ) -> dict[str, RulePath]:
-    """Choose the cubature rules of the latent space and of the linear space of kp columns, and write cubature.h5.
+    """Choose the cubature rules of the latent space and of linear ones of several sizes, and write cubature.h5.
 
-    A rule that misses the tolerance is written all the same, and a warning is told (`RulePath.meets`).
+    All get the same: poses, method, virtual points, closures and their judge. A rule that misses the tolerance is
+    written all the same, and a warning is told (`RulePath.meets`).
 
     Raises:
         ArtefactError: scene, snapshots, basis or model is missing, or they do not belong together.
@@ -47,25 +50,43 @@ def cubature(
     split = PoseSplit.of(len(poses.q), poses.recorded, options)
     found: dict[str, RulePath] = {}
     seconds: dict[str, float] = {}
-    for space in (poses.latent(), poses.linear(run.model.kp)):
+    kp = run.model.kp
+    for k in (None, kp, *options.sizes(kp, run.basis.k)):
+        space = poses.latent() if k is None else poses.linear(k)
         name = space.space.name
         started = time.perf_counter()
-        own = options if name == "latent" else options.linear()
+        own = options
+        if k is not None:
+            own = options.linear(len(found["latent"].best.points) if options.equal_points and k == kp else None)
         with one_thread(), progress.bar(f"cubature {name}", None, "rule") as bar:
 
             def told(points: int, error: float) -> None:
                 bar.say(f"{points} points, relative error {error:.3f}")
                 bar.update()
 
-            path = choose_on_mesh(space, split, own, told)
-        if not path.meets(own.tolerance):
-            progress.tell(_miss(name, path.best, own))
+            path = _chosen_on_mesh(space, split, own, told)
+        if not path.meets(options.tolerance):
+            progress.tell(_miss(name, path, options.replace(max_points=own.max_points)))
         found[name] = replace(path, virtual=_virtual(run, space, path, split, own, progress))
         seconds[f"{name}_seconds"] = time.perf_counter() - started
     header = stage.header("cubature", INPUTS, options.seed, **seconds)
     write_cubature(run.path("cubature"), header, found)
     run.written("cubature")
     return found
+
+
+def _chosen_on_mesh(space: PoseSpace, split: PoseSplit, options: CubatureOptions, told: Tell) -> RulePath:
+    """Rules that meet the tolerance on the poses kept back too, if need be by a fit to a smaller one.
+
+    A method of others stops where it was published to stop.
+    """
+    path = choose_on_mesh(space, split, options, told)
+    for _ in range(AIMS if options.method == "exchange" else 0):
+        if path.meets(options.tolerance) or len(path.best.points) >= options.max_points:
+            break
+        aim = AIM * options.tolerance * path.best.training_error / path.best.heldout_error
+        path = choose_on_mesh(space, split, options.replace(tolerance=aim), told)
+    return path
 
 
 class TrainingPoses:
@@ -85,8 +106,8 @@ class TrainingPoses:
         chunks = self._lifting.taken_off(lambda: run.snapshots.chunks(names), motions)
         self.q = all_coordinates(chunks, run.basis)
         self.recorded = len(self.q)
-        if run.model.synthetic is not None:
-            self.q = np.concatenate([self.q, run.model.synthetic])
+        if run.pca.synthetic is not None:
+            self.q = np.concatenate([self.q, run.pca.synthetic])
         a = self._lifting.all_coordinates(motions)
         self._given = np.pad(a, ((0, len(self.q) - self.recorded), (0, 0)))  # pins stand still in synthetic motions
         self._stiffness = reduced_rest_stiffness(run.scene, run.basis)
@@ -100,7 +121,8 @@ class TrainingPoses:
 
     def linear(self, k: int) -> PoseSpace:
         """In the linear space of the first k columns."""
-        return self._space(Space.linear(self._run.scene, self._run.basis, k), self.q[:, :k])
+        space = Space.linear(self._run.scene, self._run.basis, k)
+        return self._space(replace(space, name=linear_name(k, self._run.model.kp)), self.q[:, :k])
 
     def _space(self, space: Space, z: Array) -> PoseSpace:
         k, lifted = space.decoder.k, space.with_lifting(self._lifting)
@@ -141,7 +163,7 @@ def _virtual(
         return found
     errors = ", ".join(f"{error:.3g} with closure {share:g}" for share, error in found.judged[1:])
     progress.tell(
-        f"note: no virtual points for the {name} space: on the training motions they are off by {errors}, and "
+        f"note: no virtual points for the {name} space: on the motions that judge them they are off by {errors}, and "
         f"{len(path.best.points)} points of the mesh by {found.judged[0, 1]:.3g}"
     )
     return None
@@ -150,33 +172,33 @@ def _virtual(
 def _potential(run: Run, space: Space, path: RulePath) -> VirtualFit | None:
     """The points of V_eff(z), which the training has fitted, judged beside points of the mesh at decoded poses."""
     rule, judge = run.model.potential, _judge(run, space)
-    assert rule is not None and judge is not None
+    assert rule is not None
     errors = [judge(path.best), judge(rule)]
     found = VirtualFit(rule, 1.0, np.array([[np.nan, errors[0]], [1.0, errors[1]]]))
     return None if found.worse_than_mesh else found
 
 
-def _judge(run: Run, space: Space) -> Judge | None:
-    """The windowed online error of a rule on the training motions; None where these are quasi-static."""
-    if run.header("snapshots").notes.get("quasistatic", 0):
-        return None
-    names = run.snapshots.with_role("train")
+def _judge(run: Run, space: Space) -> Judge:
+    """The windowed online error of a rule on the validation motions, without any on the training motions."""
+    names, options = run.snapshots.with_role("validation") or run.snapshots.with_role("train"), run.reduced_options
 
     def judge(rule: CubatureRule) -> float:
         errors = []
         for name in names:
             recorded = run.recorded(name)
             reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
-            errors.append(windowed_error(space.with_rule(rule), reference, WINDOW))
+            errors.append(windowed_error(space.with_rule(rule), reference, WINDOW, options))
         return float(np.average(errors, weights=[run.snapshots.frames(name) for name in names]))
 
     return judge
 
 
-def _miss(name: str, best: CubatureRule, options: CubatureOptions) -> str:
+def _miss(name: str, path: RulePath, options: CubatureOptions) -> str:
+    best = path.best
     return (
-        f"warning: the {name} cubature reached a relative error of {best.training_error:.3f} with {len(best.points)} "
-        f"points, asked were {options.tolerance:g} with at most {options.max_points}; it was written all the same"
+        f"warning: the {name} cubature has a relative error of {best.training_error:.3f} on fitted poses and "
+        f"{best.heldout_error:.3f} on poses kept back, with {len(best.points)} points; asked were "
+        f"{options.tolerance:g} with at most {options.max_points}; it was written all the same"
     )
 
 
@@ -195,4 +217,4 @@ def _summary(name: str, path: RulePath) -> str:
 
 def _errors(rule: CubatureRule) -> str:
     errors = rule.training_error, rule.heldout_error, rule.perturbed_error
-    return "relative error {:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
+    return "relative error {:.3f}, kept back {:.3f}, perturbed {:.3f}".format(*errors)

@@ -6,6 +6,7 @@ import random
 from typing import Annotated, Literal
 
 from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.reduced.options import MinimiserOptions
 from ldsim.mechanics.options import (
     CellDataOptions,
     GravitySweepOptions,
@@ -19,7 +20,7 @@ from ldsim.mechanics.options import (
 )
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
-from ldsim.options import Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
+from ldsim.options import BeforeValidator, Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
 
 
 class MeshOptions(Options):
@@ -61,13 +62,26 @@ class MeshOptions(Options):
         return () if name is None else (name,)
 
 
+def _no_heldout(role: object) -> object:
+    if role == "heldout":
+        raise ValueError(
+            "heldout is two roles now: write validation where choices were made with the motion in view, test where "
+            "nothing has looked at it"
+        )
+    return role
+
+
 class MotionOptions(Options):
     """One motion: what pulls on the solid, and whether the model may learn from it."""
 
     name: Annotated[Name, Field(description="Name of the motion in every artefact.")]
     role: Annotated[
-        Literal["train", "heldout"] | None,
-        Field(description="Whether the model may learn from it; left out, train, or as heldout_share chooses."),
+        Literal["train", "validation", "test"] | None,
+        BeforeValidator(_no_heldout),
+        Field(
+            description="train: learned from; validation: choices and thresholds may look at it; test: nothing reads "
+            "it before simulate. Left out, train, or as test_share chooses."
+        ),
     ] = None
     recording: Annotated[str | None, Field(description="CSV of a recorded interaction.")] = None
     pulls: Annotated[PullOptions | None, Field(description="Seeded random pulls.")] = None
@@ -86,12 +100,20 @@ class SnapshotOptions(FullOptions):
     """Full-space runs that the model learns from and is judged on."""
 
     motions: Annotated[tuple[MotionOptions, ...], Field(min_length=1, description="What happens to the solid.")]
-    heldout_share: Annotated[
+    test_share: Annotated[
         float,
-        Field(ge=0, lt=1, description="Share of the motions without a role to hold out, at least one if above 0."),
+        Field(ge=0, lt=1, description="Share of the motions without a role for role test, at least one if above 0."),
     ] = 0.0
-    heldout_seed: Annotated[Seed, Field(description="Of the choice of these.")] = 0
+    test_seed: Annotated[Seed, Field(description="Of the choice of these.")] = 0
     workers: Annotated[int, Field(ge=1, le=1024, description="Motions that run side by side.")] = 2
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, given: object) -> object:
+        for name in ("heldout_share", "heldout_seed"):
+            if isinstance(given, dict) and name in given:
+                raise ValueError(f"{name} is called {name.replace('heldout', 'test')} now")
+        return given
 
     @model_validator(mode="after")
     def _distinct(self) -> SnapshotOptions:
@@ -106,9 +128,24 @@ class SnapshotOptions(FullOptions):
     def roles(self) -> tuple[str, ...]:
         """The role of each motion, given or chosen."""
         open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
-        count = max(round(self.heldout_share * len(open_)), 1) if self.heldout_share > 0 and open_ else 0
-        chosen = random.Random(self.heldout_seed).sample(open_, count)
-        return tuple(motion.role or ("heldout" if i in chosen else "train") for i, motion in enumerate(self.motions))
+        count = max(round(self.test_share * len(open_)), 1) if self.test_share > 0 and open_ else 0
+        chosen = random.Random(self.test_seed).sample(open_, count)
+        return tuple(motion.role or ("test" if i in chosen else "train") for i, motion in enumerate(self.motions))
+
+    @property
+    def learned(self) -> SnapshotOptions:
+        """With the motions of snapshots.h5 alone, each with its role."""
+        return self._only(("train", "validation"))
+
+    @property
+    def tests(self) -> SnapshotOptions:
+        """With the motions of tests.h5 alone, which nothing reads before simulate; there may be none."""
+        return self._only(("test",))
+
+    def _only(self, roles: tuple[str, ...]) -> SnapshotOptions:
+        pairs = zip(self.motions, self.roles, strict=True)
+        motions = tuple(motion.replace(role=role) for motion, role in pairs if role in roles)
+        return self.model_copy(update={"motions": motions, "test_share": 0.0, "test_seed": 0})
 
     @property
     def solver(self) -> FullOptions:
@@ -134,7 +171,17 @@ class SimulateOptions(Options):
     points: Annotated[
         int | None, Field(ge=1, description="The largest latent rule of at most so many points; left out, the best.")
     ] = None
-    linear_points: Annotated[int | None, Field(ge=1, description="The same for the linear space.")] = None
+    linear_points: Annotated[int | None, Field(ge=1, description="The same for the linear space of kp columns.")] = None
+    space: Annotated[
+        Literal["auto", "latent", "linear"],
+        Field(
+            description="What load, play and export use by default; auto takes the fastest of the spaces whose error "
+            "on the validation motions is nearly the least."
+        ),
+    ] = "auto"
+    minimiser: Annotated[
+        MinimiserOptions | None, Field(description="Of all reduced spaces; left out, each has the fastest of four.")
+    ] = None
     tolerance: Annotated[Positive, Field(description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")] = 1e-8
     max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
     full_frames: Annotated[

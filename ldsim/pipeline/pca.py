@@ -1,20 +1,37 @@
-"""The stage pca: snapshots → the linear basis."""
+"""The stage pca: snapshots → the linear basis, turned by synthetic motions where some are asked for."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.artefacts.records import write_basis
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
+from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
+from ldsim.jit import one_thread
+from ldsim.mechanics.options import PullOptions
+from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.run import Run
-from ldsim.space.basis import inner_product
+from ldsim.space.basis import Basis, inner_product
 from ldsim.space.options import PcaOptions
-from ldsim.space.pca import Pca, errors_against_k, fit_basis
+from ldsim.space.pca import Pca, errors_against_k, fit_basis, turned
+from ldsim.space.projection import all_coordinates
+
+Array = NDArray[np.float64]
+
+# Synthetic pulls that are run one after another; then the solid is at rest again.
+PULLS_TOGETHER = 10
 
 
 def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
-    """Find the linear basis of a run that has its snapshots, and write basis.h5; interrupted, it keeps the spectrum.
+    """Find the linear basis of a run that has its snapshots, and write basis.h5.
+
+    Interrupted, it keeps the spectrum and the synthetic motions.
 
     Raises:
         ArtefactError: scene or snapshots are missing or do not fit each other.
@@ -27,11 +44,44 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
     with progress.bar("pca", 2, "pass") as bar:
         found = fit_basis(run.chunks("train"), metric, options, TrainingStore(partial, "spectrum", identity))
         bar.update()
-        if run.snapshots.with_role("heldout"):
-            largest, mean = errors_against_k(run.chunks("heldout"), found.basis)
-            found = replace(found, heldout_max_error=largest, heldout_mean_error=mean)
+        if options.synthetic is not None:
+            q = all_coordinates(run.chunks("train"), found.basis)
+            synthetic = _synthetic(run, found.basis, options.synthetic, q, partial, progress)
+            found = turned(found, q, synthetic, run.chunks("train"))
+        if run.snapshots.with_role("validation"):
+            largest, mean = errors_against_k(run.chunks("validation"), found.basis)
+            found = replace(found, validation_max_error=largest, validation_mean_error=mean)
         bar.update()
     write_basis(run.path("basis"), stage.header("basis", ("scene", "snapshots")), found)
     run.written("basis")
     remove_checkpoints(partial)
     return found
+
+
+def _synthetic(run: Run, basis: Basis, options: PullOptions, q: Array, partial: Path, progress: Progress) -> Array:
+    """Coordinates of the frames of synthetic pulls, (f, k); kept until the basis is written.
+
+    Args:
+        q: of the snapshots, to which the cubature rule is fitted that the pulls are stepped with.
+    """
+    digest = hashlib.sha256(q.tobytes() + basis.matrix.tobytes() + repr(options).encode())
+    store = TrainingStore(partial, "synthetic", digest.hexdigest())
+    kept = store.load()
+    if kept is not None:
+        return kept["q"].astype(np.float64)
+    motion = surface_pulls("synthetic", run.scene, options)
+    with one_thread():
+        with progress.bar("pca: cubature rule of the synthetic motions", None, "rule") as bar:
+
+            def show(points: int, error: float) -> None:
+                bar.say(f"{points} points, relative error {error:.3f}")
+                bar.update()
+
+            stepper = synthetic_stepper(run.scene, basis, q, options.seed, show)
+        with progress.bar("pca: synthetic motions", motion.frames, "frame") as bar:
+            made = synthetic_frames(stepper, motion, bar.update, PULLS_TOGETHER * options.frames_of_one)
+    if len(made) < motion.frames:
+        lost = motion.frames - len(made)
+        progress.tell(f"warning: the synthetic motions diverged and lost {lost} of {motion.frames} frames")
+    store.save({"q": made})
+    return made

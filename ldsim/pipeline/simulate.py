@@ -1,4 +1,4 @@
-"""The stage `simulate`: the motions in the full, the linear and the latent space, timed and compared."""
+"""The stage `simulate`: the motions in the full, the latent and linear spaces of several sizes, timed and compared."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from ldsim.artefacts.simulation import write_simulation
-from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.optimise.solution import failures
-from ldsim.pipeline.comparison import Reference, compare_motion
+from ldsim.pipeline.comparison import Measured, Reference, compare_motion
+from ldsim.pipeline.frontier import chosen_space, judging, standings
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.run import Run
+from ldsim.run import AUTO, Run
 from ldsim.space.novelty import Novelty
 from ldsim.space.space import Space
 
@@ -26,7 +26,7 @@ Trajectories = dict[str, dict[str, Trajectory]]
 
 
 def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: Progress = SILENT) -> Trajectories:
-    """Run the motions in all three spaces and write simulation.h5; space → motion → what was run.
+    """Run the motions in all spaces and write simulation.h5; space → motion → what was run.
 
     Raises:
         SettingsError: a motion is not known.
@@ -34,24 +34,26 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
     """
     stage = run.stage("simulate", options)
     run.require("scene", "snapshots", "basis", "model", "cubature")
-    snapshots, changed = run.snapshots, options.material is not None
+    snapshots, changed = run.played, options.material is not None
     spaces = _spaces(run, options)
     names = _known(options.motions, snapshots.names)
-    runs: Trajectories = {"full": {}, "linear": {}, "latent": {}}
-    minimisers: dict[str, str | float | int] = {}
-    reduced = ReducedOptions(tolerance=options.tolerance, max_iterations=options.max_iterations)
-    steps = sum((2 if changed else 4) * snapshots.frames(name) for name in names)
+    runs: Trajectories = {name: {} for name in ("full", *(space.name for space in spaces))}
+    notes: dict[str, str | float | int] = {f"{space.name}_points": len(space.rule.points) for space in spaces}
+    reduced = run.reduced_options.replace(tolerance=options.tolerance, max_iterations=options.max_iterations)
+    measured = _measured(options)
+    steps = sum((1 if changed else 2) * len(spaces) * snapshots.frames(name) for name in names)
     with one_thread(), progress.bar("simulate", steps, "step") as bar:
         for name in names:
             bar.say(name)
             recorded = run.recorded(name)
             reference = Reference(recorded.motion, recorded.held, None if changed else snapshots.reader(name))
-            compared = compare_motion(spaces, reference, reduced, options.full_frames, options.window, bar.update)
+            compared = compare_motion(spaces, reference, reduced, measured, bar.update)
             for space, trajectory, minimiser in compared:
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
-                minimisers[f"{space}_minimiser"] = minimiser
-    inputs = ("scene", "snapshots", "basis", "model", "cubature")
-    header = stage.header("simulation", inputs, -1, **minimisers, material_changed=int(changed))
+                notes[f"{space}_minimiser"] = minimiser
+    notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
+    tests = ("tests",) if run.path("tests").is_file() else ()
+    header = stage.header("simulation", ("scene", "snapshots", *tests, "basis", "model", "cubature"), -1, **notes)
     write_simulation(run.path("simulation"), header, runs)
     run.written("simulation")
     for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
@@ -64,7 +66,24 @@ def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
     scene = None
     if options.material is not None:
         scene = with_properties(run.scene, properties_of(run.scene).changed(Change.of(options.material)))
-    return [run.space("linear", options.linear_points, scene), run.space("latent", options.points, scene)]
+    points = {"linear": options.linear_points, "latent": options.points}
+    linear = sorted((name for name in run.cubature if name not in points), key=lambda name: int(name.split("_")[1]))
+    return [run.space(name, points.get(name), scene) for name in ("linear", "latent", *linear)]
+
+
+def _measured(options: SimulateOptions) -> Measured:
+    given = options.minimiser
+    if given is None:
+        return Measured(options.full_frames, options.window)
+    return Measured(options.full_frames, options.window, {given.method: given.model_dump()})
+
+
+def _space(run: Run, runs: Trajectories, options: SimulateOptions) -> str:
+    """The space to use from now on: as asked, or by error and time on the validation motions."""
+    if options.space != AUTO:
+        return options.space
+    roles = {name: run.recorded(name).role for name in runs["latent"]}
+    return chosen_space(standings(runs, judging(roles, ("validation", "train"))))
 
 
 def _known(wanted: Sequence[str] | None, known: Sequence[str]) -> list[str]:

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
-from ldsim.artefacts.partial import MotionStore, write_snapshots
+from ldsim.artefacts.partial import MotionStore, Stored, StoredBefore, write_snapshots
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.linear_choice import choose
-from ldsim.pipeline.ensemble import run_motions
+from ldsim.errors import ArtefactError
+from ldsim.mechanics.motion import Motion
+from ldsim.pipeline.ensemble import run_identity, run_motions
 from ldsim.pipeline.motions import motion
 from ldsim.pipeline.options import SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.run import Run
+from ldsim.run import Run, Stage
+
+KINDS = ("snapshots", "tests")
 
 
 def snapshot(
@@ -21,35 +28,97 @@ def snapshot(
     base: Path = Path(),
     scheduler: str | None = None,
 ) -> Snapshots:
-    """Run every motion of a run in the full space, and write snapshots.h5; what was interrupted goes on where it was.
+    """Run every motion of a run in the full space; write snapshots.h5, and tests.h5 with the motions of the role test.
+
+    What was interrupted goes on where it was. A motion that lies there already is kept, so that one that is added runs
+    alone, and a file that already holds just what it is to hold is left as it is.
 
     Args:
         base: the folder to which the files of the options are relative.
         scheduler: address of a Dask scheduler that is running, such as tcp://host:8786; this machine where left out.
 
+    Returns:
+        All motions, those of the role test last.
+
     Raises:
         LdsimError: a motion that cannot be made, a step that cannot be solved, workers that died; finished frames are
             kept.
     """
-    stage, folder = run.stage("snapshot", options), run.folder / "snapshots.partial"
+    stages = {
+        kind: run.stage("snapshot", own) for kind, own in zip(KINDS, (options.learned, options.tests), strict=True)
+    }
     run.require("scene")
-    scene = run.scene
-    motions = [motion(scene, entry, base) for entry in options.motions]
+    scene, folder = run.scene, run.folder / "snapshots.partial"
+    motions = {entry.name: motion(scene, entry, base) for entry in options.motions}
     workers = min(options.workers, len(motions))
     choice = choose(scene, options.linear_solver, workers)
     words = f"{options.method}, {'quasi-static' if options.quasistatic else 'dynamic'}, {choice.words}"
-    progress.tell(f"full space: {words}")
-    with progress.bar(f"snapshot {run.experiment}", sum(each.frames for each in motions), "frame") as bar:
+    solver = options.solver.model_copy(update={"linear_solver": choice.name})
+    identities = {name: run_identity(run.path("scene"), each, solver) for name, each in motions.items()}
+    with ExitStack() as stack:
+        there = {kind: found for kind in KINDS if (found := _there(run, kind, stack)) is not None}
+        kept = {name: found for found in there.values() for name in found.names}
+        kept = {name: found for name, found in kept.items() if found.recorded(name).identity == identities.get(name)}
+        missing = [each for name, each in motions.items() if name not in kept]
+        if missing:
+            progress.tell(f"full space: {words}")
+            with progress.bar(f"snapshot {run.experiment}", sum(each.frames for each in missing), "frame") as bar:
 
-        def show(done: int, unfinished: int) -> None:
-            bar.say(f"{unfinished} motions to finish")
-            bar.reach(done)
+                def show(done: int, unfinished: int) -> None:
+                    bar.say(f"{unfinished} motions to finish")
+                    bar.reach(done)
 
-        solver = options.solver.model_copy(update={"linear_solver": choice.name})
-        run_motions(run.path("scene"), folder, motions, solver, workers, show, scheduler)
-    stores = [(MotionStore(folder, each), each, role) for each, role in zip(motions, options.roles, strict=True)]
-    quasistatic = int(options.quasistatic)
-    header = stage.header("snapshots", ("scene",), options.seed, solver=words, quasistatic=quasistatic)
-    write_snapshots(run.path("snapshots"), header, stores, scene.mesh.n_vertices)
-    run.written("snapshots")
-    return run.snapshots
+                run_motions(run.path("scene"), folder, missing, solver, min(workers, len(missing)), show, scheduler)
+        gathering = _Gathering(run, motions, kept, words)
+        gathering.write("snapshots", stages["snapshots"], options.learned, there.get("snapshots"))
+        gathering.write("tests", stages["tests"], options.tests, there.get("tests"))
+    return run.played
+
+
+def _there(run: Run, kind: str, stack: ExitStack) -> Snapshots | None:
+    """What an earlier call has written; None where there is nothing, or nothing readable."""
+    try:
+        return stack.enter_context(Snapshots(run.path(kind), run.scene.mesh.n_vertices, kind))
+    except ArtefactError:
+        return None
+
+
+@dataclass(frozen=True)
+class _Gathering:
+    """The writing of the two artefacts.
+
+    Attributes:
+        motions: all, made for the scene.
+        kept: name → where it lies already.
+        words: how the full space was stepped.
+    """
+
+    run: Run
+    motions: Mapping[str, Motion]
+    kept: Mapping[str, Snapshots]
+    words: str
+
+    def write(self, kind: str, stage: Stage, options: SnapshotOptions, there: Snapshots | None) -> None:
+        """Write one of them, unless it is there with just these motions.
+
+        Args:
+            options: with the motions of this artefact alone.
+        """
+        run, names, earlier = self.run, [entry.name for entry in options.motions], 0.0
+        if there is not None and any(self.kept.get(name) is there for name in names):
+            if there.header.settings == options.dump() and all(self.kept.get(name) is there for name in names):
+                return
+            earlier = float(there.header.notes.get("seconds", 0.0))
+        notes: dict[str, str | float | int] = {"solver": self.words, "quasistatic": int(options.quasistatic)}
+        notes["seconds"] = stage.seconds + earlier
+        header = stage.header(kind, ("scene",), options.seed, **notes)
+        entries = [
+            (self._stored(name), self.motions[name], role) for name, role in zip(names, options.roles, strict=True)
+        ]
+        write_snapshots(run.path(kind), header, entries, run.scene.mesh.n_vertices)
+        run.written(kind)
+
+    def _stored(self, name: str) -> Stored:
+        if name in self.kept:
+            return StoredBefore(self.kept[name], name)
+        return MotionStore(self.run.folder / "snapshots.partial", self.motions[name])

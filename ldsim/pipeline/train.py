@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ldsim.artefacts.records import StoredModel, write_model
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
-from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.jit import one_thread
 from ldsim.learn.equilibrium import Poses, pose_forces
 from ldsim.learn.examples import Examples
@@ -19,8 +18,6 @@ from ldsim.learn.options import TrainOptions
 from ldsim.learn.search import Searched, search
 from ldsim.learn.training import Trained, train_ordered
 from ldsim.learn.training import train as train_alone
-from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.pipeline.condense import condensed_model
 from ldsim.pipeline.progress import SILENT, Bar, Progress
 from ldsim.run import Run, Stage
@@ -29,9 +26,7 @@ from ldsim.space.projection import all_coordinates, matching_dimension, reconstr
 
 Array = NDArray[np.float64]
 
-# Synthetic pulls that are run one after another; then the solid is at rest again.
-PULLS_TOGETHER = 10
-NO_HELDOUT = "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
+NO_VALIDATION = "warning: no motion has the role validation, so choices and thresholds rest on the training motions"
 
 
 def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress = SILENT) -> StoredModel:
@@ -46,8 +41,8 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
     stage, partial = run.stage("train", options), run.folder / "model.partial"
     run.require("scene", "snapshots", "basis")
     with one_thread():
-        q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "heldout"))
-        synthetic = _synthetic(run, options.synthetic, q, partial, progress)
+        q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "validation"))
+        synthetic = _synthetic(run)
         if options.kind == "condensed":
             every = np.concatenate([q, synthetic])
             model = condensed_model(run, every, len(q), _poses(run, every).displacement, options, progress)
@@ -59,9 +54,9 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
             examples = Examples(every, len(synthetic), forces)
             trainer = _Trainer(run, examples, options, partial, bar)
             found = search(trainer, run.basis.k, options.r, options.tolerance_mm / 1e3)
-        errors = np.array([trainer.error(found.trained, role) for role in ("train", "heldout")])
+        errors = np.array([trainer.error(found.trained, role) for role in ("train", "validation")])
     if len(unseen) == 0:
-        progress.tell(NO_HELDOUT)
+        progress.tell(NO_VALIDATION)
     model = _stored(run, examples, unseen, found, errors)
     return _write(run, stage, model, options, {"met": int(found.met)})
 
@@ -76,7 +71,7 @@ def _write(run: Run, stage: Stage, model: StoredModel, options: TrainOptions, no
 
 
 def _stored(run: Run, examples: Examples, unseen: Array, found: Searched, errors: Array) -> StoredModel:
-    trained, synthetic = found.trained, examples.q[examples.recorded :]
+    trained = found.trained
     return StoredModel(
         decoder=trained.decoder,
         encoder=trained.encoder,
@@ -87,38 +82,13 @@ def _stored(run: Run, examples: Examples, unseen: Array, found: Searched, errors
         best_epoch=trained.best_epoch,
         search_own=np.array([each.own for each in found.tried]),
         novelty=fit_novelty(trained.decoder, trained.encoder, examples.q, unseen),
-        synthetic=synthetic.astype(np.float32) if examples.synthetic else None,
     )
 
 
-def _synthetic(run: Run, options: PullOptions | None, q: Array, partial: Path, progress: Progress) -> Array:
-    """Coordinates of the frames of synthetic pulls, (f, k) in what float32 holds; kept until the model is written.
-
-    Args:
-        q: of the snapshots, to which the cubature rule is fitted that the pulls are stepped with.
-    """
-    if options is None:
-        return np.empty((0, run.basis.k))
-    digest = hashlib.sha256(q.tobytes() + run.basis.matrix.tobytes() + repr(options).encode())
-    store = TrainingStore(partial, "synthetic", digest.hexdigest())
-    kept = store.load()
-    if kept is None:
-        motion = surface_pulls("synthetic", run.scene, options)
-        with progress.bar("train: cubature rule of the synthetic motions", None, "rule") as bar:
-
-            def show(points: int, error: float) -> None:
-                bar.say(f"{points} points, relative error {error:.3f}")
-                bar.update()
-
-            stepper = synthetic_stepper(run.scene, run.basis, q, options.seed, show)
-        with progress.bar("train: synthetic motions", motion.frames, "frame") as bar:
-            made = synthetic_frames(stepper, motion, bar.update, PULLS_TOGETHER * options.frames_of_one)
-        if len(made) < motion.frames:
-            lost = motion.frames - len(made)
-            progress.tell(f"warning: the synthetic motions diverged and lost {lost} of {motion.frames} frames")
-        kept = {"q": made.astype(np.float32)}
-        store.save(kept)
-    return kept["q"].astype(np.float64)
+def _synthetic(run: Run) -> Array:
+    """Coordinates of the frames of synthetic motions that were made with the basis, (f, k)."""
+    made = run.pca.synthetic
+    return np.empty((0, run.basis.k)) if made is None else made.astype(np.float64)
 
 
 def _poses(run: Run, q: Array) -> Poses:

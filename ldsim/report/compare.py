@@ -136,7 +136,7 @@ def record(run: Reported) -> dict[str, Any]:
         "cells": report.mesh.cells,
         "cell_type": report.mesh.cell_type,
         **report.dims.model_dump(),
-        "points": {space: rule and rule.points for space, rule in rules.items()},
+        "points": {space: rule and rule.stepped for space, rule in rules.items()},
         "cubature_error": {
             space: rule.relative_error.model_dump() if rule else {"fitted": None, "kept_back": None}
             for space, rule in rules.items()
@@ -147,6 +147,8 @@ def record(run: Reported) -> dict[str, Any]:
         "reconstruction_max_mm": {
             role: {method: _largest_mm(report, role, method) for method in ("autoencoder", "pca_kp")} for role in ROLES
         },
+        "space": report.space,
+        "kind": report.kind,
         "online": {role: {space: _worst(report.simulate[space], role) for space in REDUCED} for role in ROLES},
         "paper": None if theirs is None else theirs._asdict(),
     }

@@ -31,7 +31,7 @@ def comparison_figures(records: Sequence[Record]) -> dict[str, Figure]:
             height=3.7,
         ),
         "online_errors": Figure(
-            "Online errors of each run on training and held-out motions",
+            "Online errors of each run on training, validation and test motions",
             Axis("online error, % of the mean displacement", log=True, margin=0.1),
             rows,
             _online(records, lambda i, role, space: _beside(_error(records[i], role, space), i)),
@@ -57,14 +57,14 @@ def comparison_figures(records: Sequence[Record]) -> dict[str, Figure]:
 def _online(
     records: Sequence[Record], place: Callable[[int, str, str], Point | None], labels: Sequence[str] = ()
 ) -> tuple[Series, ...]:
-    """The marks of each reduced space and role, one a run; those of training motions are hollow."""
+    """The marks of each reduced space and role, one a run; only those of test motions are full."""
     return tuple(
         _marks(
             f"{space}, {ROLE_NAMES[role]}",
             space,
             [place(i, role, space) for i in range(len(records))],
             labels if space == "latent" else (),
-            role != "heldout",
+            role != "test",
         )
         for role in reversed(ROLES)
         for space in REDUCED

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ldsim.report.figure import MARKERS, Axis, Figure, Guide, Series, curve
+from ldsim.report.frontier import frontier_figure
 from ldsim.report.numbers import MS_PER_S, pooled_seconds, rank_correlation
 from ldsim.report.runs import dimensions, reduced_runs, runs
 from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import plain_number
-from ldsim.run import SPACES, Run
+from ldsim.run import REDUCED, SPACES, Run
 from ldsim.space.novelty import remembered
 
 VERTEX_DISTANCE = "mean vertex distance, mm"
@@ -23,6 +24,7 @@ def draw_figures(run: Run, cubature_tolerance: float | None) -> dict[str, Figure
         "training": training_history(run),
         "cubature": cubature_error(run, cubature_tolerance),
         "step_times": step_times(run),
+        "frontier": frontier_figure(run),
         **{f"online_error_{motion}": online_error(run, motion) for motion in run.motions},
         **{f"novelty_{motion}": novelty(run, motion) for motion in runs(run, "latent")},
     }
@@ -34,24 +36,25 @@ def error_against_k(run: Run) -> Figure:
     stored = run.pca
     errors = {
         "training": (stored.max_error, stored.mean_error),
-        "held-out": (stored.heldout_max_error, stored.heldout_mean_error),
+        "validation": (stored.validation_max_error, stored.validation_mean_error),
     }
     series = [
         curve(f"{which}, {role}", colour, np.arange(len(metres)), MM_PER_M * metres, marker=marker,
-              dashed=role == "held-out")
+              dashed=role == "validation")
         for role, both in errors.items()
         for which, colour, marker, metres in zip(
             ("max", "mean"), ("linear", "second"), ("triangle", "circle"), both, strict=True
         )
         if metres is not None
     ]  # fmt: skip
+    kind = "condensed" if run.model.condensed else "autoencoder"
     reached = [
-        Guide(at, f"autoencoder {which} {plain_number(at)} mm", colour="latent")
+        Guide(at, f"{kind} {which} {plain_number(at)} mm", colour="latent")
         for which, at in zip(("max", "mean"), (MM_PER_M * run.model.errors[0]).tolist(), strict=True)
         if at > 0
     ]
     return Figure(
-        "Reconstruction error of PCA against its number of modes, beside the autoencoder’s",
+        "Reconstruction error of PCA against its number of modes, beside the latent space’s",
         Axis("number of PCA modes"),
         Axis("vertex distance, mm", log=True),
         tuple(series),
@@ -91,7 +94,8 @@ def training_history(run: Run) -> Figure:
 def cubature_error(run: Run, tolerance: float | None) -> Figure | None:
     """Relative error of cubature against its number of points, for each space, and the tolerance asked for."""
     series = []
-    for space, stored in run.cubature.items():
+    for space in REDUCED:
+        stored = run.cubature[space]
         points = [len(rule.points) for rule in stored.rules]
         fitted = [rule.training_error for rule in stored.rules]
         kept_back = [rule.heldout_error for rule in stored.rules]

@@ -14,6 +14,8 @@ from ldsim.arrays import Array
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
+from ldsim.pipeline.comparison import stretch
+from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
 from ldsim.report.machine import describe_machine
 from ldsim.report.runs import dimensions, runs
 from ldsim.report.schema import (
@@ -21,6 +23,7 @@ from ldsim.report.schema import (
     Cubatures,
     Dimensions,
     ForceErrors,
+    FrontierRun,
     MachineDescription,
     MeshSize,
     MotionRun,
@@ -39,6 +42,8 @@ from ldsim.report.schema import (
 )
 from ldsim.run import SPACES, Run
 from ldsim.space.novelty import remembered
+from ldsim.space.pca import errors_against_k
+from ldsim.space.projection import reconstruction_error
 
 MS_PER_S = 1000.0
 
@@ -63,6 +68,7 @@ def collect(run: Run, own_cost: Mapping[str, float]) -> RunNumbers:
             cell_type=mesh.cell_type,
             quadrature_points=len(run.scene.points.weights),
         ),
+        kind="condensed" if run.model.condensed else "autoencoder",
         dims=Dimensions(k=decoder.k, r=decoder.r, kp=run.model.kp),
         reconstruction=_reconstructions(run),
         rest_residual_mm=_millimetres(_rest_residual(run)),
@@ -73,9 +79,12 @@ def collect(run: Run, own_cost: Mapping[str, float]) -> RunNumbers:
                 for space in SPACES
             }
         ),
-        speedup=Speedups(latent_over_linear=_speedup(run, "linear"), latent_over_full=_speedup(run, "full")),
+        space=str(run.header("simulation").notes.get("space", "latent")),
+        frontier=_frontier(run),
+        speedup=_speedups(run),
         stages=_stages(run, own_cost),
         warnings=[],
+        advice=advice(run),
     )
 
 
@@ -113,8 +122,18 @@ def _reconstructions(run: Run) -> RoleReconstructions:
     stored, errors = run.pca, run.model.errors
     return RoleReconstructions(
         train=found(errors[0], stored.max_error, stored.mean_error),
-        heldout=found(errors[1], stored.heldout_max_error, stored.heldout_mean_error),
+        validation=found(errors[1], stored.validation_max_error, stored.validation_mean_error),
+        test=found(*_on_tests(run)),
     )
+
+
+def _on_tests(run: Run) -> tuple[Array, Array | None, Array | None]:
+    """The same of the test motions, of which no artefact knows: of the decoder, and largest and mean of PCA by k."""
+    if not run.played.with_role("test"):
+        return np.full(2, np.nan), None, None
+    networks = run.model.encoder, run.model.decoder
+    reached = reconstruction_error(run.chunks("test"), run.basis_of("latent"), *networks)
+    return np.array(reached), *errors_against_k(run.chunks("test"), run.basis)
 
 
 def _vertex_errors(largest: float, mean: float) -> VertexErrors:
@@ -138,6 +157,7 @@ def _cubature(run: Run, space: str) -> RuleNumbers | None:
         points=len(stored.best.points),
         relative_error=_force_errors(stored.best),
         virtual=None if stored.virtual is None else _virtual(stored.virtual.rule),
+        stepped=points(run, space),
         seconds=None if seconds is None else _finite(float(seconds)),
     )
 
@@ -161,6 +181,7 @@ def _motion_run(run: Run, motion: str, trajectory: Trajectory) -> MotionRun:
         frames=int(made.sum()),
         median_step_ms=_finite(np.median(milliseconds)) if some else None,
         p95_step_ms=_finite(np.percentile(milliseconds, 95)) if some else None,
+        p99_step_ms=_finite(np.percentile(milliseconds, 99)) if some else None,
         iterations=_finite(trajectory.iterations[made].mean()) if some else None,
         evaluations=_finite(trajectory.evaluations[made].mean()) if some else None,
         online_error=_online_error(trajectory),
@@ -210,19 +231,56 @@ def rank_correlation(score: Array, trajectory: Trajectory) -> float | None:
     return _finite(np.corrcoef(score, error)[0, 1])
 
 
+def _frontier(run: Run) -> list[FrontierRun]:
+    """Every reduced space on every motion that it ran."""
+    return [
+        FrontierRun(
+            space=space,
+            dimension=dimension(run, space),
+            points=points(run, space),
+            motion=motion,
+            role=cast(Role, run.motions[motion].role),
+            median_step_ms=_finite(MS_PER_S * float(np.nanmedian(trajectory.seconds))),
+            online_error=None if trajectory.diverged else _finite(trajectory.relative_error),
+            windowed_error=_finite(trajectory.windowed_error),
+        )
+        for space in spaces(run)
+        for motion, trajectory in runs(run, space).items()
+    ]
+
+
+def _speedups(run: Run) -> Speedups:
+    role, found = judged(run)
+    latent, equal, best = equal_error(found)
+    beside = best if equal is None else equal
+    return Speedups(
+        latent_over_linear_equal_error=None if latent is None or equal is None else equal.seconds / latent.seconds,
+        judged_on=cast(Role, role) if found else None,
+        latent_error=None if latent is None else _finite(latent.error),
+        linear_space=None if beside is None else beside.space,
+        linear_error=None if beside is None else _finite(beside.error),
+        latent_over_linear_kp=_speedup(run, "linear"),
+        latent_over_full=_speedup(run, "full"),
+    )
+
+
 def _speedup(run: Run, slower: str) -> float | None:
-    """Median step of the slower space over that of the latent one, over all steps of the motions that both ran.
+    """Median step of the slower space over that of the latent one, over the same frames of the motions that both ran.
 
     A motion in which either diverged is left out: its steps are not of the same work.
     """
     ours, theirs = runs(run, "latent"), runs(run, slower)
-    shared = [name for name in ours if name in theirs and not (ours[name].diverged or theirs[name].diverged)]
-    if not shared:
+    fast, slow = [], []
+    for name, latent in ours.items():
+        if name not in theirs or latent.diverged or theirs[name].diverged:
+            continue
+        seconds = theirs[name].seconds
+        frames = stretch(run.motions[name].motion, len(seconds))  # of the full space a stretch was run
+        fast.append(latent.seconds[frames.start : frames.stop])
+        slow.append(seconds)
+    if not fast:
         return None
-    fast, slow = (
-        float(np.median(np.concatenate([stepped_seconds(side[name]) for name in shared]))) for side in (ours, theirs)
-    )
-    return _finite(slow / fast) if fast > 0 else None
+    return _finite(float(np.median(np.concatenate(slow)) / np.median(np.concatenate(fast))))
 
 
 def _stages(run: Run, own_cost: Mapping[str, float]) -> dict[str, StageCost]:

@@ -147,9 +147,9 @@ def peaks(values: Array, count: int) -> list[int]:
 
 
 def moments(run: Run, count: int) -> list[Moment]:
-    """The frames to show: of every held-out motion, then of the first training motion, where reduced spaces ran it."""
+    """The frames to show: of every test and validation motion, then of the first training motion, if they were run."""
     roles = {name: recorded.role for name, recorded in run.motions.items()}
-    shown = [name for name, role in roles.items() if role == "heldout"] + first_training_motion(run)
+    shown = [name for name, role in roles.items() if role != "train"] + first_training_motion(run)
     displacements = {name: mean_displacement(run, name) for name in shown}
     return [
         Moment(name, frame)

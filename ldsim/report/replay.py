@@ -19,7 +19,7 @@ from ldsim.mesh.surface import Surface, surface_triangles
 from ldsim.report.camera import first_look, upright
 from ldsim.report.replay_motions import MotionReplay, SpaceReplay, replay_motion
 from ldsim.report.runs import reduced_runs, title
-from ldsim.report.schema import MM_PER_M
+from ldsim.report.schema import MM_PER_M, ROLES
 from ldsim.report.wording import readable
 from ldsim.run import Run
 from ldsim.web import inlined
@@ -50,7 +50,7 @@ class Replay:
 
 
 def make_replay(run: Run) -> Replay | None:
-    """All motions that a reduced space ran, held-out ones first; None where there is none."""
+    """All motions that a reduced space ran, test ones first, then validation; None where there is none."""
     stride, names = _shown(run)
     if not names:
         return None
@@ -92,13 +92,13 @@ def packed(values: NDArray[np.generic], kind: str) -> list[str]:
 def _shown(run: Run) -> tuple[int, list[str]]:
     """Every how-manyth frame, and of which motions, so that the coordinates fit."""
     names = [name for name in run.motions if reduced_runs(run, name)]
-    names.sort(key=lambda name: run.motions[name].role != "heldout")
+    names.sort(key=lambda name: -ROLES.index(run.motions[name].role))
     row = 2 * (run.basis.k + EXTRA_MODES) * 3
     room = max(COORDINATES_BYTES // row, 1)
     longest = max(int(LONGEST_PAUSE / run.scene.time_step), 1)
 
     def frames() -> int:
-        return sum(run.snapshots.frames(name) for name in names)
+        return sum(run.played.frames(name) for name in names)
 
     while len(names) > 1 and frames() > room * longest:
         names.pop()

@@ -51,7 +51,7 @@ class MotionReplay:
 
 def replay_motion(run: Run, motion: str, stride: int, vertices: Indices) -> MotionReplay:
     """Every `stride`-th frame of a motion in every space, on the given vertices (v,)."""
-    recorded, reduced, total = run.motions[motion], reduced_runs(run, motion), run.snapshots.frames(motion)
+    recorded, reduced, total = run.motions[motion], reduced_runs(run, motion), run.played.frames(motion)
     frames = np.arange(min(stride, total) - 1, total, stride)
     drags, pulled = [], []
     for i, drag in enumerate(recorded.motion.drags):

@@ -36,7 +36,7 @@ class Wanted:
     Attributes:
         pictures: moments to show of each motion; 0 for none, and no replay either.
         cubature_tolerance: relative error asked of cubature.
-        training_tolerance_mm: largest vertex error asked of the autoencoder, mm.
+        training_tolerance_mm: largest vertex error asked of the latent space, mm.
     """
 
     pictures: int
@@ -68,7 +68,7 @@ def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
     """
     begun = run.stage("report", ReportOptions(pictures=wanted.pictures))
     run.space("latent")  # a damaged file is named before the simulation that is stale for it
-    run.require(*STAGE_OF)
+    run.require(*STAGE_OF, *(["tests"] if run.path("tests").is_file() else []))
     with one_thread(), progress.bar("report", None, "picture") as bar:
         made = build_report(run, wanted, lambda: begun.cost, bar.update)
     write_report(run.folder / "report", made)

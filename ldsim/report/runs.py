@@ -39,12 +39,12 @@ def displacements(run: Run, space: str, motion: str) -> Callable[[Indices, Indic
     In a reduced space u = U q + L a; of the full space one frame is read at a time.
     """
     if space == "full":
-        read = run.snapshots.reader(motion)
+        read = run.played.reader(motion)
         return lambda frames, vertices: np.stack([read(t, t + 1)[0][vertices] for t in frames.tolist()])
     q = runs(run, space)[motion].coordinates
     assert q is not None, "reduced runs keep their coordinates"
     fields = run.basis_of(space).fields[:, :, : q.shape[1]]
-    if run.lifting.count:
-        fields = np.concatenate([fields, run.lifting.fields.reshape(len(fields), 3, -1)], axis=2)
-        q = np.hstack([q, run.lifting.coordinates(run.motions[motion].motion)[: len(q)]])
+    if run.every_lifting.count:
+        fields = np.concatenate([fields, run.every_lifting.fields.reshape(len(fields), 3, -1)], axis=2)
+        q = np.hstack([q, run.every_lifting.coordinates(run.motions[motion].motion)[: len(q)]])
     return lambda frames, vertices: np.einsum("tk,vik->tvi", q[frames], fields[vertices], optimize=True)

@@ -15,10 +15,10 @@ from pydantic_core import PydanticCustomError
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.run import SPACES
 
-Role = Literal["train", "heldout"]
+Role = Literal["train", "validation", "test"]
 STAGES = (*STAGE_OF.values(), "report")
 ROLES: tuple[str, ...] = get_args(Role)
-ROLE_NAMES = {"train": "training", "heldout": "held-out"}
+ROLE_NAMES = {"train": "training", "validation": "validation", "test": "test"}
 
 MM_PER_M = 1000.0
 
@@ -90,7 +90,8 @@ class Reconstruction(ReportSection):
 
 class RoleReconstructions(ReportSection):
     train: Reconstruction | None
-    heldout: Reconstruction | None
+    validation: Reconstruction | None
+    test: Reconstruction | None
 
 
 class ForceErrors(ReportSection):
@@ -101,7 +102,7 @@ class ForceErrors(ReportSection):
 
 
 class VirtualRule(ReportSection):
-    """The virtual quadrature points that are stepped instead of those on the mesh."""
+    """Virtual quadrature points, stepped instead of those on the mesh unless simulate.points says otherwise."""
 
     points: Count
     relative_error: ForceErrors
@@ -113,6 +114,7 @@ class RuleNumbers(ReportSection):
     points: Annotated[Count, _about("points on the mesh")]
     relative_error: ForceErrors
     virtual: VirtualRule | None
+    stepped: Annotated[Count, _about("points of the rule that simulate stepped with, virtual or on the mesh")]
     seconds: Annotated[Number, _about("time of the fit")]
 
 
@@ -148,6 +150,7 @@ class MotionRun(ReportSection):
     frames: Annotated[Count, _about("steps that were made")]
     median_step_ms: Number
     p95_step_ms: Number
+    p99_step_ms: Number
     iterations: Annotated[Number, _about("mean of a step")]
     evaluations: Annotated[Number, _about("mean of a step")]
     online_error: OnlineError | None
@@ -161,11 +164,32 @@ class SpaceRuns(ReportSection):
     latent: list[MotionRun]
 
 
-class Speedups(ReportSection):
-    """Median step of the slower space over that of the latent one, over the motions that both ran."""
+class FrontierRun(ReportSection):
+    """One reduced space, with the rule that was stepped, on one motion."""
 
-    latent_over_linear: Number
-    latent_over_full: Number
+    space: Annotated[str, _about("latent, linear with kp columns, or linear_20")]
+    dimension: Annotated[Count, _about("numbers that it moves by")]
+    points: Annotated[Count, _about("quadrature points of the rule that was stepped")]
+    motion: str
+    role: Role
+    median_step_ms: Number
+    online_error: Annotated[Number, _about("mean vertex distance over mean displacement; null where it diverged")]
+    windowed_error: Annotated[Number, _about("the same, restarted from the full-space state every window")]
+
+
+class Speedups(ReportSection):
+    """Median step of the slower space over that of the latent one, over the same frames of the same motions."""
+
+    latent_over_linear_equal_error: Annotated[
+        Number,
+        _about("against the fastest linear space that is at least as good on the motions of `judged_on`; null: none"),
+    ]
+    judged_on: Annotated[Role | None, _about("role of the motions that say what is as good")]
+    latent_error: Annotated[Number, _about("online error of the latent space on them")]
+    linear_space: Annotated[str | None, _about("that linear space, or where there is none the one of least error")]
+    linear_error: Annotated[Number, _about("its online error on them")]
+    latent_over_linear_kp: Annotated[Number, _about("against the linear space of kp columns, whatever its error")]
+    latent_over_full: Annotated[Number, _about("against the full space, on the stretch that it was timed on")]
 
 
 class StageCost(ReportSection):
@@ -180,19 +204,23 @@ class RunNumbers(ReportSection):
     created: Annotated[str, _about("date and time, UTC")]
     machine: MachineDescription
     mesh: MeshSize
+    kind: Annotated[Literal["autoencoder", "condensed"], _about("train.kind, what the latent space is")]
     dims: Dimensions
     reconstruction: RoleReconstructions
     rest_residual_mm: Annotated[Number, _about("largest displacement of a vertex that the decoder gives the rest pose")]
     cubature: Cubatures
     simulate: SpaceRuns
+    space: Annotated[str, _about("what load, play and export use by default")]
+    frontier: Annotated[list[FrontierRun], _about("every reduced space on every motion")]
     speedup: Speedups
     stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
     warnings: list[str]
+    advice: Annotated[list[str], _about("which space to use for this solid, and why")]
 
     def headline_runs(self) -> dict[str, MotionRun]:
-        """Space → its run of the motion that headlines are about: the first held-out one, else the first of all."""
+        """Space → its run of the motion that headlines are about: the first test motion, else a validation one."""
         runs = [run for space in ("latent", "linear", "full") for run in self.simulate[space]]
-        motion = next((run.motion for run in runs if run.role == "heldout"), runs[0].motion if runs else None)
+        motion = max(runs, key=lambda run: ROLES.index(run.role)).motion if runs else None
         return {space: run for space in SPACES for run in self.simulate[space] if run.motion == motion}
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from ldsim.optimise.solution import failures
 from ldsim.report.runs import runs
-from ldsim.report.schema import MM_PER_M, RunNumbers
+from ldsim.report.schema import MM_PER_M, ROLE_NAMES, ROLES, Reconstruction, RunNumbers
 from ldsim.report.wording import readable
 from ldsim.run import REDUCED, SPACES, Run
 
 LARGE_ONLINE_ERROR = 0.1
-HELDOUT_GAP = 3.0
+UNSEEN_GAP = 3.0
 
 
 def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float | None = None) -> list[str]:
@@ -19,9 +19,9 @@ def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float | None = N
         cubature_tolerance: relative error that was asked of cubature; None skips that check.
 
     Returns:
-        Sentences: diverged runs, held-out motions missed by more than 10 %, latent steps slower than linear
-        ones, cubature worse than asked for, and spaces that reconstruct held-out frames three times worse than those
-        they were trained on.
+        Sentences: diverged runs, test and validation motions missed by more than 10 %, latent steps slower than linear
+        ones of equal error, cubature worse than asked for, and spaces that reconstruct test or validation frames three
+        times worse than those they were trained on.
     """
     return [
         *_diverged(report),
@@ -55,21 +55,22 @@ def _large_online_errors(report: RunNumbers) -> list[str]:
     for space in REDUCED:
         for run in report.simulate[space]:
             error = run.online_error and run.online_error.relative
-            if run.role == "heldout" and error is not None and error > LARGE_ONLINE_ERROR:
+            if run.role != "train" and error is not None and error > LARGE_ONLINE_ERROR:
                 found.append(
-                    f"On motion {run.motion}, which nothing was fitted to, the {space} run is "
+                    f"On {ROLE_NAMES[run.role]} motion {run.motion}, which nothing was fitted to, the {space} run is "
                     f"{readable(100 * error)} % of the mean displacement away from full space."
                 )
     return found
 
 
 def _slower_than_linear(report: RunNumbers) -> list[str]:
-    faster = report.speedup.latent_over_linear
+    speedup = report.speedup
+    faster = speedup.latent_over_linear_equal_error
     if faster is None or faster >= 1:
         return []
     return [
-        f"A latent step takes {readable(1 / faster)} times as long as a step in the linear space that reconstructs "
-        "the training poses as well."
+        f"A latent step takes {readable(1 / faster)} times as long as one in the space {speedup.linear_space}, which "
+        f"is at least as good on the {ROLE_NAMES[speedup.judged_on or 'train']} motions."
     ]
 
 
@@ -77,24 +78,33 @@ def _cubature_misses(report: RunNumbers, tolerance: float | None) -> list[str]:
     found = []
     for space in REDUCED:
         rule = report.cubature[space]
-        reached = rule and rule.relative_error.fitted
-        if tolerance is not None and reached is not None and reached > tolerance:
-            found.append(
-                f"Cubature of the {space} space stopped at a relative error of {readable(reached)}; "
-                f"{tolerance:g} was asked for."
-            )
+        errors = rule and rule.relative_error
+        for reached, where in (
+            ((errors.kept_back, "poses kept back"), (errors.fitted, "fitted poses")) if errors else ()
+        ):
+            if tolerance is not None and reached is not None and reached > tolerance:
+                found.append(
+                    f"Cubature of the {space} space has a relative error of {readable(reached)} on {where}; "
+                    f"{tolerance:g} was asked for."
+                )
+                break
     return found
 
 
 def _reconstruction_gaps(report: RunNumbers) -> list[str]:
-    roles = (report.reconstruction.train, report.reconstruction.heldout)
-    seen, unseen = (role.autoencoder.max_mm if role and role.autoencoder else None for role in roles)
-    if seen is None or unseen is None or unseen <= HELDOUT_GAP * seen:
-        return []
+    found = report.reconstruction
+    errors = {role: _decoded_max(found[role]) for role in ROLES}
+    seen = errors["train"]
     return [
-        f"The autoencoder misses held-out frames by up to {readable(unseen)} mm, against {readable(seen)} mm on the "
-        "frames it was trained on."
+        f"The {report.kind} model misses {ROLE_NAMES[role]} frames by up to {readable(unseen)} mm, against "
+        f"{readable(seen)} mm on the frames it was trained on."
+        for role, unseen in errors.items()
+        if seen is not None and unseen is not None and unseen > UNSEEN_GAP * seen
     ]
+
+
+def _decoded_max(role: Reconstruction | None) -> float | None:
+    return role.autoencoder.max_mm if role and role.autoencoder else None
 
 
 def _missed_training_tolerance(run: Run, tolerance_mm: float) -> list[str]:
@@ -102,7 +112,7 @@ def _missed_training_tolerance(run: Run, tolerance_mm: float) -> list[str]:
         return []
     reached = MM_PER_M * float(run.model.errors[0, 0])
     return [
-        f"The autoencoder misses training frames by up to {readable(reached)} mm; "
+        f"The model misses training frames by up to {readable(reached)} mm; "
         f"{tolerance_mm:g} mm were asked for (train.tolerance_mm)."
     ]
 

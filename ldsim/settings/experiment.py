@@ -30,8 +30,8 @@ class Settings(Options):
 
     @model_validator(mode="after")
     def _synthetic_motions_have_inertia(self) -> Settings:
-        if self.snapshot.quasistatic and self.train.synthetic is not None:
-            raise ValueError("train.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
+        if self.snapshot.quasistatic and self.pca.synthetic is not None:
+            raise ValueError("pca.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self
 
     def section(self, stage: str) -> Options:

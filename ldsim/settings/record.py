@@ -28,7 +28,7 @@ SURFACES = (".stl", ".obj", ".ply", ".off")
 PINNED_SHARE = 0.05
 # Tets of a surface: few for the hand, more for the model.
 COARSE_CELLS, FINE_CELLS = 2000, 10_000
-# How far the pulls of the held-out motion go, and the errors that PCA and the autoencoder may leave, in diagonals. How
+# How far pulls go, and the errors that PCA and the autoencoder may leave, in diagonals. How
 # many numbers a motion needs is not known before: a fixed r was larger than the basis of the first one that was tried.
 REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.0005, 0.004
 
@@ -148,10 +148,11 @@ def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
     content = settings.model_dump(mode="json", exclude_unset=True)
     content["snapshot"]["motions"] += [
         {"name": "pulls", "role": "train", "pulls": {"count": 8, "seed": 2} | pulls},
-        {"name": "others", "role": "heldout", "pulls": {"count": 4, "seed": 1} | pulls},
+        {"name": "others", "role": "validation", "pulls": {"count": 4, "seed": 1} | pulls},
+        {"name": "unseen", "role": "test", "pulls": {"count": 4, "seed": 4} | pulls},
     ]
     for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
         content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
-    content["train"]["synthetic"] = {"count": 60, "seed": 3} | pulls
+    content["pca"]["synthetic"] = {"count": 60, "seed": 3} | pulls
     with replacing(path) as temporary:
         temporary.write_text(settings_of(content, str(path)).dump(defaults=False), encoding="utf-8")

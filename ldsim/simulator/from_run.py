@@ -15,7 +15,7 @@ from ldsim.space.space import Space
 
 def load(
     run: str | Path,
-    space: str = "latent",
+    space: str = "auto",
     *,
     points: int | None = None,
     tolerance: float | None = None,
@@ -25,7 +25,8 @@ def load(
 
     Args:
         run: the folder of the run, such as runs/x.
-        space: "latent", "linear" or "full"; the full space needs only scene.h5.
+        space: "latent", "linear", "linear_20" or "full", which needs only scene.h5; "auto" for the one that simulate
+            chose for this solid, latent where it has not run.
         points: use the largest cubature of at most so many points of the mesh instead of the one that was chosen.
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 10⁻⁴ of the solid's weight in a
             reduced space, 10⁻⁶ N in the full one.

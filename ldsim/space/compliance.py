@@ -37,9 +37,14 @@ class Compliance:
 
     def of(self, force: Array) -> Array:
         """C f, (n, 3) metres, of a force (n, 3), N."""
+        return self._softness * self.relaxation.residual(force)
+
+    @property
+    def relaxation(self) -> Relaxation:
+        """What C is made of at rest: the factor of K, W and T."""
         if self._relaxation is None:
             self._relaxation = Relaxation(self.scene, self._coordinates)
-        return self._softness * self._relaxation.residual(force)
+        return self._relaxation
 
     def stiffened(self, scale: float) -> Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""

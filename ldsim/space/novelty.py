@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 LANDMARKS = 256
 # How long a run remembers that it was far from the training codes, seconds.
 MEMORY = 0.5
-# Held-out poses looked at, and what counts as badly decoded: worse than this share of the training poses, twice over.
+# Validation poses looked at, and what counts as badly decoded: worse than this share of the training poses, twice over.
 POSES = 200
 USUAL = 0.95
 FACTOR = 2.0
@@ -87,15 +87,15 @@ def distance(landmarks: Array, z: Array) -> float:
 
 
 def fit_novelty(decoder: Decoder, encoder: Encoder, q: Array, unseen: Array) -> Novelty:
-    """Landmarks from the training motions, the threshold from the held-out ones.
+    """Landmarks from the training motions, the threshold from the validation ones.
 
-    A held-out pose is badly decoded when the error of its nearest code, relative to the spread of the training
+    A validation pose is badly decoded when the error of its nearest code, relative to the spread of the training
     coordinates, is twice what 95 % of the training poses stay below. The threshold is the score that tells such poses
     from the others best (the largest difference of the two shares, Youden 1950), but never below 1, where the training
-    poses are. Without held-out poses, or where all are of one kind, it is 2: twice as far as 99 % of those.
+    poses are. Without validation poses, or where all are of one kind, it is 2: twice as far as 99 % of those.
 
     Args:
-        q, unseen: coordinates of the training and the held-out snapshots, (N, k); unseen may be empty.
+        q, unseen: coordinates of the training and the validation snapshots, (N, k); unseen may be empty.
     """
     z = encoder(q)
     # At most every second code is a landmark, so that the others tell how far apart neighbours are.

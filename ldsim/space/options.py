@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from ldsim.mechanics.options import PullOptions
 from ldsim.options import Field, Options, Positive
 
 
@@ -20,6 +21,13 @@ class PcaOptions(Options):
         float, Field(gt=0, lt=1, description="Share of the snapshots' squared norm that may be lost.")
     ] = 1e-4
     max_k: Annotated[int, Field(ge=1, description="Largest dimension that the criterion may lead to.")] = 100
+    synthetic: Annotated[
+        PullOptions | None,
+        Field(
+            description="Random pulls, run in the linear space of all k columns: they turn the basis, and the latent "
+            "space learns from them too."
+        ),
+    ] = None
     inner_product: Annotated[Literal["mass", "euclidean"], Field(description="In which U is orthonormal.")] = "mass"
 
     @property

@@ -7,7 +7,7 @@ one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Protocol
 
@@ -40,15 +40,17 @@ class Pca:
         singular_values: of the snapshots in the basis's inner product, (K,) float64 with K ≥ k, falling.
         max_error, mean_error: largest and mean vertex distance over the training snapshots when 0, 1, … columns are
             kept, (k + 1,) float64, metres.
-        heldout_max_error, heldout_mean_error: the same over held-out snapshots; None where there are none.
+        validation_max_error, validation_mean_error: the same over validation snapshots; None where there are none.
+        synthetic: coordinates of the frames of synthetic motions, (f, k); None where there are none.
     """
 
     basis: Basis
     singular_values: Array
     max_error: Array
     mean_error: Array
-    heldout_max_error: Array | None = None
-    heldout_mean_error: Array | None = None
+    validation_max_error: Array | None = None
+    validation_mean_error: Array | None = None
+    synthetic: NDArray[np.float32] | None = None
 
 
 def gram_matrix(chunks: Chunks, metric: csr_array, products: type[np.floating] = np.float64) -> Array:
@@ -212,6 +214,27 @@ def errors_against_k(chunks: Chunks, basis: Basis) -> tuple[Array, Array]:
         _accumulate_errors(fields, basis.project(fields), UT, largest, total)
         count += fields.shape[0] * fields.shape[1] // 3
     return largest, total / count
+
+
+def turned(found: Pca, recorded: Array, synthetic: Array, chunks: Chunks) -> Pca:
+    """The same span with its columns turned so that the first hold recorded and synthetic frames together best.
+
+    A short basis is then made for all the motions that a network learns from. Recorded frames weigh at least as much as
+    synthetic ones, as in a training (`TrainOptions.recorded_share`).
+
+    Args:
+        recorded, synthetic: coordinates of the frames in the columns that were found, (N, k) and (f, k).
+        chunks: the recorded snapshots, for the errors.
+    """
+    weight = max(len(synthetic) / len(recorded), 1.0)
+    _, vectors = np.linalg.eigh(weight * recorded.T @ recorded + synthetic.T @ synthetic)
+    rotation = vectors[:, ::-1]
+    columns = found.basis.matrix @ rotation
+    signs = np.sign(columns[np.abs(columns).argmax(axis=0), np.arange(columns.shape[1])])
+    basis = Basis.of(np.ascontiguousarray(columns * signs), found.basis.metric)
+    largest, mean = errors_against_k(chunks, basis)
+    coordinates = (synthetic @ (rotation * signs)).astype(np.float32)
+    return replace(found, basis=basis, max_error=largest, mean_error=mean, synthetic=coordinates)
 
 
 class Kept(Protocol):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
@@ -97,6 +97,16 @@ class Relaxation:
     @property
     def r(self) -> int:
         return self.coordinates.k
+
+    @property
+    def order(self) -> Indices:
+        """The free vertices in the order of the factor."""
+        return self._pattern.order
+
+    @property
+    def rest_factor(self) -> Factor:
+        """Of K at rest."""
+        return self._at_rest.factor
 
     def encode(self, u: NDArray[np.floating]) -> Array:
         """z = W u of displacements (b, n, 3), metres; (b, r)."""
@@ -229,13 +239,13 @@ class _Constrained:
         definite = exact
         if exact:
             try:
-                self._factor = relaxation.factor(u, clamp=False)
+                self.factor = relaxation.factor(u, clamp=False)
             except SolverError:
                 definite = False
         if not definite:
-            self._factor = relaxation.factor(u, clamp=True)
+            self.factor = relaxation.factor(u, clamp=True)
         W = relaxation.rows
-        Y = relaxation.solve(self._factor, W)
+        Y = relaxation.solve(self.factor, W)
         compliance = Y @ W.T
         self.stiffness: Array = np.asarray(np.linalg.inv(0.5 * (compliance + compliance.T)), dtype=np.float64)
         self.tangents = self.stiffness @ Y  # (r, 3n)
@@ -274,5 +284,5 @@ class _Constrained:
 
     def solve(self, right: Array) -> Array:
         """The displacements with W u = 0 that forces cause, by the factor, (b, 3n)."""
-        x = self._relaxation.solve(self._factor, right)
+        x = self._relaxation.solve(self.factor, right)
         return x - (x @ self._relaxation.rows.T) @ self.tangents

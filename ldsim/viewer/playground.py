@@ -39,6 +39,7 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
     for simulator in first:
         _warm(simulator)
     offered = [space for space in reversed(SPACES) if space != "full" or coarse]
+    offered += [simulator.space.name for simulator in first if simulator.space.name not in offered]
     session = Session(lambda space: load(run, space, seconds=STEP_SECONDS), offered, first)
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
 

@@ -3,10 +3,10 @@
 The runs are made with `train.kind: condensed`, or without, for an autoencoder to compare with. The latent space is
 stepped as `ldsim simulate` steps it; the linear spaces have every element integrated, which is the best error that they
 can have and says nothing of their time. A row tells how many linear dimensions a condensed coordinate is worth on a
-motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors: linear
-elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear elasticity, which
-needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other directions, and two
-grabs at once. Results go to reproduction/results/condensed.json.
+motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors:
+linear elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear
+elasticity, which needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other
+directions, and two grabs at once. Results go to reproduction/results/condensed.json.
 """
 
 from __future__ import annotations
@@ -126,9 +126,9 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
         chosen = run.cubature["latent"].virtual is not None
         rows.append(row(name, "median error of V_eff's force, poses kept back", model.potential.heldout_error))
         rows.append(row(name, "V_eff was judged better than points of the mesh", chosen))
-    motions = list(run.snapshots.names)
+    motions = list(run.played.names)
     for found in measure_stepped(run, motions):
-        unseen = "(heldout)" in found["quantity"] and found["quantity"].startswith("online")
+        unseen = "(train)" not in found["quantity"] and found["quantity"].startswith("online")
         rows.append({**found, "goal": GOALS.get(solid) if unseen else None})
     for motion in motions:
         label = f"{motion} ({run.recorded(motion).role})"

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 HERE = Path(__file__).parent
 # Cubature is judged by the forces of decoded poses: a short training without forces or synthetic motions serves.
-TRAINING = {"epochs": 400, "equilibrium": None, "synthetic": None}
+TRAINING = {"epochs": 400, "equilibrium": None}
 STAGES = {"mesh": "scene", "snapshot": "snapshots", "pca": "basis", "train": "model"}
 
 
@@ -95,7 +95,7 @@ def model(name: str, runs: Path, made: Path) -> Iterator[Model]:
         poses = replace(poses, z=poses.z[: training.recorded])
         if _source(name).refined:
             poses = once_refined(poses)
-        yield Model(name, run, poses, run.model.encoder(all_coordinates(run.chunks("heldout"), run.basis)))
+        yield Model(name, run, poses, run.model.encoder(all_coordinates(run.chunks("validation"), run.basis)))
 
 
 def once_refined(poses: PoseSpace) -> PoseSpace:
@@ -130,6 +130,7 @@ def prepared(name: str, runs: Path, made: Path) -> Path:
     name = "dragon_56822" if source.refined else name
     settings = load_settings(source.config)
     changes: dict[str, Any] = {"experiment": name, "train": settings.train.replace(r=source.r, **TRAINING)}
+    changes["pca"] = settings.pca.replace(synthetic=None)
     if source.mesh is not None:
         changes["mesh"] = settings.mesh.replace(file=source.mesh)
     run = runs / name

@@ -65,7 +65,7 @@ def measure(run: Run, given: argparse.Namespace) -> list[Row]:
     latent = [partial(latent_of, run, size, place) for size in sorted({r, *given.latent}) if size <= k]
     swept = given.linear or (QUICK if given.quick else DIMENSIONS)
     linear = [partial(Space.linear, run.scene, run.basis, size) for size in swept if size <= k]
-    motions = [motion for motion in run.snapshots.names if motion in (given.motion or run.snapshots.names)]
+    motions = [motion for motion in run.played.names if motion in (given.motion or run.played.names)]
     part = "".join(f"-{motion}" for motion in given.motion)
     for make in latent + linear:
         space = make()
@@ -76,7 +76,7 @@ def measure(run: Run, given: argparse.Namespace) -> list[Row]:
         rows += kept(path, lambda: measure_stepped(run, motions))
     for motion in motions:
         role = run.recorded(motion).role
-        rows += worths(rows, name, f"{motion} ({role})", role == "heldout")
+        rows += worths(rows, name, f"{motion} ({role})", role != "train")
     show(rows, name)
     return rows
 

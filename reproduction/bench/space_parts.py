@@ -71,7 +71,7 @@ def measure_stepped(run: Run, motions: list[str]) -> list[Row]:
 
 def _online(run: Run, motion: str, kind: str, found: Trajectory, judged: bool) -> list[Row]:
     role = run.recorded(motion).role
-    label, goals = f"{motion} ({role}), {kind}", ("<= 0.1", "<= 0.05") if role == "heldout" else ("<= 0.03", None)
+    label, goals = f"{motion} ({role}), {kind}", ("<= 0.1", "<= 0.05") if role != "train" else ("<= 0.03", None)
     whole, windowed = goals if judged else (None, None)
     return [
         row(run.experiment, f"online error, {label}", found.relative_error, "", whole),

@@ -87,8 +87,8 @@ def point(timed: Timed, motion: str, judged: Trajectory) -> Point:
 def measure(runs: list[Run], dimensions: list[int], kept: Path) -> list[Point]:
     """Every space with every stop rule on every motion of the first run."""
     run = runs[0]
-    motions = {name: reference(run, name) for name in run.snapshots.names}
-    first = motions[run.snapshots.names[0]]
+    motions = {name: reference(run, name) for name in run.played.names}
+    first = motions[run.played.names[0]]
     timed: list[Timed] = []
     judged: dict[tuple[int, str], Trajectory] = {}
     with tqdm(unit="rule", disable=None) as bar:

@@ -48,11 +48,7 @@ def _slab(axis: str, thickness: float, at: str = "min") -> dict[str, Any]:
     return {"slab": {"axis": axis, "at": at, "thickness": thickness}}
 
 
-SYNTHETIC_TRAINING = {
-    "hidden": [64, 64],
-    "epochs": 40,
-    "synthetic": {"count": 400, "seed": 11, "reach": 0.55, "frames": 25, "rest": 40},
-}
+SYNTHETIC = {"synthetic": {"count": 400, "seed": 11, "reach": 0.55, "frames": 25, "rest": 40}}
 QUICK_TRAINING = {"epochs": 400, "batch": 64, "equilibrium": {"weight": 3.0}}
 QUICK_CUBATURE = {"poses": 120, "heldout_poses": 40}
 
@@ -61,10 +57,14 @@ def cross(quick: bool) -> Configuration:
     """The X of the paper, or a procedural one."""
     if not quick:
         mesh = _solid(6e4, _slab("y", 0.001), file=f"{MESHES}x_29686.mesh")
-        motions, training = [_recorded("x_1"), _recorded("x_2", role="heldout")], {"r": 12} | SYNTHETIC_TRAINING
-        return _configuration("x", mesh, motions, training, 60, {"tolerance": 0.03})
+        motions, training = (
+            [_recorded("x_1"), _recorded("x_2", role="validation")],
+            {"r": 12, "hidden": [64, 64], "epochs": 40},
+        )
+        made = _configuration("x", mesh, motions, training, 60, {"tolerance": 0.03})
+        return made | {"pca": made["pca"] | SYNTHETIC}
     mesh = _solid(4e4, _slab("y", 0.001), shape={"name": "cross", "resolution": 2})
-    motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="heldout")]
+    motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="validation")]
     return _configuration("paper-cross", mesh, motions, {"r": 6} | QUICK_TRAINING, 19, QUICK_CUBATURE)
 
 
@@ -73,10 +73,10 @@ def bar(quick: bool, youngs_modulus: float = 1e5) -> Configuration:
     suffix = "" if youngs_modulus == 1e5 else f"-{youngs_modulus:.0f}"
     if not quick:
         mesh = _solid(youngs_modulus, _slab("x", 0.021), file=f"{MESHES}beam_45151.mesh")
-        pulls = _pulls("pulls", 4, 1, 0.1, role="heldout", stiffness=30, radius=0.03, frames=40, rest=40)
+        pulls = _pulls("pulls", 4, 1, 0.1, role="validation", stiffness=30, radius=0.03, frames=40, rest=40)
         return _configuration(f"beam{suffix}", mesh, [_recorded("beam"), pulls], {"r": 10}, 60)
     mesh = _solid(youngs_modulus, _slab("x", 0.001), shape={"name": "beam", "resolution": 2})
-    motions = [_pulls("pulls_1", 4, 1, 0.12), _pulls("pulls_2", 1, 2, 0.12, role="heldout")]
+    motions = [_pulls("pulls_1", 4, 1, 0.12), _pulls("pulls_2", 1, 2, 0.12, role="validation")]
     return _configuration(f"paper-bar{suffix}", mesh, motions, {"r": 5} | QUICK_TRAINING, 20, QUICK_CUBATURE)
 
 
@@ -92,7 +92,7 @@ def coarse_bar(quick: bool) -> Configuration:
 
 def elephant(quick: bool) -> Configuration:
     """The elephant of the paper, or its coarse relative and the first frames of the recording."""
-    local = _recorded("local_effect", role="heldout")
+    local = _recorded("local_effect", role="validation")
     if not quick:
         mesh = _solid(1e5, _slab("z", 0.021), file=f"{MESHES}elephant_61699.mesh")
         return _configuration("elephant", mesh, [_recorded("elephant"), local], {"r": 7}, 60)

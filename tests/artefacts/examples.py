@@ -128,7 +128,7 @@ def statistics_of(motion: Motion) -> tuple[NDArray[np.int64], ...]:
 
 def write_motions(path: Path, header: Header) -> None:
     stores = []
-    for motion, role in zip(MOTIONS, ("train", "heldout"), strict=True):
+    for motion, role in zip(MOTIONS, ("train", "validation"), strict=True):
         store = MotionStore(path.parent / f"{path.name}.partial", motion)
         store.start()
         for u in FRAMES[motion.name]:
@@ -140,8 +140,8 @@ def write_motions(path: Path, header: Header) -> None:
     write_snapshots(path, header, stores, 4)
 
 
-def read_motions(path: Path) -> tuple[object, Header]:
-    with Snapshots(path) as snapshots:
+def read_motions(path: Path, kind: str = "snapshots") -> tuple[object, Header]:
+    with Snapshots(path, kind=kind) as snapshots:
         found = [
             (
                 (entry := snapshots.recorded(name)).motion,
@@ -164,13 +164,14 @@ def recorded_motions() -> object:
             FRAMES[motion.name],
             (*statistics_of(motion), numbers(motion.frames)),
         )
-        for motion, role in zip(MOTIONS, ("train", "heldout"), strict=True)
+        for motion, role in zip(MOTIONS, ("train", "validation"), strict=True)
     ]
 
 
 EXAMPLES = {
     "scene": Example(scene(), lambda path, header: write_scene(path, header, scene()), read_scene),
     "snapshots": Example(recorded_motions(), write_motions, read_motions),
+    "tests": Example(recorded_motions(), write_motions, lambda path: read_motions(path, "tests")),
     "basis": Example(basis(), lambda path, header: write_basis(path, header, basis()), read_it),
     "model": Example(model(), lambda path, header: write_model(path, header, model()), read_model),
     "cubature": Example(cubature(), lambda path, header: write_cubature(path, header, cubature()), read_cubature),

@@ -105,7 +105,14 @@ def test_a_foreign_hdf5_file_is_refused(kind: str, artefact: Path) -> None:
 @every_kind
 def test_a_missing_file_is_refused_with_the_stage_that_makes_it(kind: str, tmp_path: Path) -> None:
     message = refusal(EXAMPLES[kind], tmp_path / "nothing.h5")
-    stages = {"scene": "mesh", "snapshots": "snapshot", "basis": "pca", "model": "train", "simulation": "simulate"}
+    stages = {
+        "scene": "mesh",
+        "snapshots": "snapshot",
+        "tests": "snapshot",
+        "basis": "pca",
+        "model": "train",
+        "simulation": "simulate",
+    }
     assert f"does not exist; run `ldsim {stages.get(kind, kind)}` first" in message
 
 

@@ -45,13 +45,17 @@ TINY: dict[str, Any] = {
     "snapshot": {
         "motions": [
             {"name": "a", "pulls": {"count": 2, "seed": 1, "reach": 0.08, "frames": 12, "rest": 8}},
-            {"name": "b", "role": "heldout", "pulls": {"count": 1, "seed": 2, "reach": 0.08, "frames": 12, "rest": 8}},
+            {
+                "name": "b",
+                "role": "validation",
+                "pulls": {"count": 1, "seed": 2, "reach": 0.08, "frames": 12, "rest": 8},
+            },
         ],
         "workers": 1,
     },
     "pca": {"k": 6},
     "train": {"r": 3, "hidden": [8], "epochs": 200, "batch": 16},
-    "cubature": {"poses": 20, "heldout_poses": 10, "virtual": {"steps": 40}},
+    "cubature": {"poses": 20, "heldout_poses": 10, "virtual": {"steps": 40}, "linear_sizes": [2]},
     "simulate": {"full_frames": 5},
     "report": {"pictures": 1},
 }

@@ -58,7 +58,7 @@ MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     ),
     "a script that is not there": (motions({"name": "a", "script_file": "b.yaml"}), "b.yaml does not exist"),
     "no motion to learn from": (
-        motions({"name": "a", "role": "heldout", "gravity_sweep": {"duration": 1}}),
+        motions({"name": "a", "role": "validation", "gravity_sweep": {"duration": 1}}),
         "at least one motion must have the role train",
     ),
 }

@@ -65,7 +65,7 @@ def test_no_motion_to_be_judged_on_is_said_in_one_line(experiment: Experiment) -
     assert result.exit_code == 0
     warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
     assert warnings == [
-        "warning: no motion has the role heldout, so nothing tells how the model does on unseen motions"
+        "warning: no motion has the role validation, so choices and thresholds rest on the training motions"
     ]
 
 

@@ -18,7 +18,7 @@ ALL = [*COMMANDS, "info", "settings"]
 
 
 def test_all_commands_are_listed_in_the_order_they_run() -> None:
-    assert list(KNOWN) == [*STAGES, "compare", "play", "record", "export", "info", "settings"]
+    assert list(KNOWN) == ["new", *STAGES, "compare", "play", "record", "export", "info", "settings"]
     text = CliRunner().invoke(main, ["-h"]).stdout
     places = [text.index(f"  {name} ") for name in KNOWN]
     assert places == sorted(places)
@@ -93,6 +93,7 @@ def test_settings_prints_the_configuration_with_defaults(experiment: Experiment)
     printed = yaml.safe_load(result.stdout)
     assert printed["mesh"]["density"] == 1000.0
     assert set(printed) == {"experiment", *STAGES}
+    assert "# its slowest frequencies are " in result.stdout and "# pulls of 80 mm by a spring" in result.stdout
 
 
 def test_stamps_are_written_once_and_then_only_where_something_changed(experiment: Experiment) -> None:

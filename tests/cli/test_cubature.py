@@ -19,12 +19,12 @@ def test_it_tells_and_stores_the_errors_on_fitted_held_out_and_perturbed_poses(e
     spaces, _ = read_cubature(experiment.run / "cubature.h5")
     for space, stored in spaces.items():
         errors = stored.best.training_error, stored.best.heldout_error, stored.best.perturbed_error
-        words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
+        words = "{:.3f}, kept back {:.3f}, perturbed {:.3f}".format(*errors)
         assert f"{space}: {len(stored.best.points)} points, relative error {words}" in result.stdout
     found = spaces["latent"].virtual
     assert found is not None
     errors = found.rule.training_error, found.rule.heldout_error, found.rule.perturbed_error
-    words = "{:.3f}, held out {:.3f}, perturbed {:.3f}".format(*errors)
+    words = "{:.3f}, kept back {:.3f}, perturbed {:.3f}".format(*errors)
     assert f"; {len(found.rule.points)} virtual points, relative error {words}" in result.stdout
     assert spaces["linear"].virtual is None
 

@@ -138,7 +138,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     motion.touch()  # nothing was recorded here
     settings = load_settings(made)
     assert settings.experiment == source.stem.replace(" ", "-")
-    assert settings.snapshot.roles == ("train", "train", "heldout")
+    assert settings.snapshot.roles == ("train", "train", "validation", "test")
     assert resolve_path(settings.snapshot.motions[0].recording or "", made.parent).resolve() == motion.resolve()
     done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output

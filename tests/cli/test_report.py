@@ -148,7 +148,7 @@ def of_another_experiment(run: Path, other: Path) -> None:
 def test_what_does_not_fit_is_one_line_and_exit_status_1(root, tmp_path, spoil, expected):
     other = tmp_path / "other_run"
     other.mkdir()
-    write_run(other, heldout=False)
+    write_run(other, validation=False)
     spoil(root / "runs" / NAME, other)
     result = report(root)
     assert result.exit_code == 1 and isinstance(result.exception, SystemExit)

@@ -109,9 +109,9 @@ def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experimen
 
 def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment) -> None:
     before = weights(experiment)
-    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
-    assert experiment.invoke("train").exit_code == 0
-    with h5py.File(experiment.run / "model.h5") as file:
+    experiment.configure(TINY | {"pca": TINY["pca"] | SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
+    assert experiment.invoke("pca").exit_code == experiment.invoke("train").exit_code == 0
+    with h5py.File(experiment.run / "basis.h5") as file:
         synthetic = file["synthetic"][:]
     assert synthetic.shape == (60, 6)
     assert np.isfinite(synthetic).all()
@@ -123,25 +123,29 @@ def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment
 def test_synthetic_motions_are_not_run_again_after_an_interruption(
     experiment: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC})
-    assert experiment.invoke("train").exit_code == 0
-    undisturbed = weights(experiment)
+    experiment.configure(TINY | {"pca": TINY["pca"] | SYNTHETIC})
+    assert experiment.invoke("pca").exit_code == 0
+    undisturbed = basis(experiment)
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("ldsim.pipeline.train.search", stop)
-        assert experiment.invoke("train").exit_code != 0
-    monkeypatch.setattr("ldsim.pipeline.train.synthetic_frames", stop)
-    assert experiment.invoke("train").exit_code == 0
-    for ours, theirs in zip(weights(experiment), undisturbed, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+        patch.setattr("ldsim.pipeline.pca.turned", stop)
+        assert experiment.invoke("pca").exit_code != 0
+    monkeypatch.setattr("ldsim.pipeline.pca.synthetic_frames", stop)
+    assert experiment.invoke("pca").exit_code == 0
+    np.testing.assert_array_equal(basis(experiment), undisturbed)
+
+
+def basis(experiment: Experiment) -> np.ndarray:
+    with h5py.File(experiment.run / "basis.h5") as file:
+        return np.hstack([file["U"][:].ravel(), file["synthetic"][:].ravel()])
 
 
 def test_synthetic_motions_that_are_lost_are_said(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldsim.pipeline.train.synthetic_frames", lambda *_: np.ones((7, 6)))
-    experiment.configure(TINY | {"train": TINY["train"] | SYNTHETIC})
-    result = experiment.invoke("train")
+    monkeypatch.setattr("ldsim.pipeline.pca.synthetic_frames", lambda *_: np.ones((7, 6)))
+    experiment.configure(TINY | {"pca": TINY["pca"] | SYNTHETIC})
+    result = experiment.invoke("pca")
     assert result.exit_code == 0
     assert "the synthetic motions diverged and lost 53 of 60 frames" in result.stderr

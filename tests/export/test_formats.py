@@ -21,13 +21,15 @@ def test_every_format_writes_its_file_or_folder(run: Run, tmp_path: Path, name: 
         pytest.skip(f"{wanted.extra.module} is not installed: {wanted.extra.install}")
     path, what = export(run, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
     assert path.is_file() if wanted.suffix else any(path.iterdir())
-    assert what == ("2 frames of push in the latent space" if wanted.motion else "the reduced model")
+    model = "the reduced model" if wanted.model else "the model of the latent space"
+    assert what == ("2 frames of push in the latent space" if wanted.motion else model)
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_format_writes_a_motion_or_a_model(name: str) -> None:
-    assert (FORMATS[name].motion is None) != (FORMATS[name].model is None)
+def test_a_format_writes_a_motion_or_a_model_or_a_space(name: str) -> None:
+    wanted = FORMATS[name]
+    assert [wanted.motion, wanted.model, wanted.space].count(None) == 2
 
 
 def test_without_an_output_the_file_goes_into_the_run(run: Run) -> None:
@@ -41,6 +43,7 @@ REFUSED = {
     "space": (Choice("gltf", space="outer"), None, "unknown space 'outer'; known are full, linear, latent"),
     "motion of the full space": (Choice("ply", "jump", "full"), None, "unknown motion 'jump'; known are pull_1, push"),
     "a basis of the full space": (Choice("gltf", space="full"), None, "use --space linear or latent"),
+    "a model of the full space": (Choice("c", space="full"), "a", "c writes a reduced space, got 'full'"),
     "too few frames": (Choice("gltf", every=1000), None, "leaves none of the 14 frames"),
     "suffix": (Choice("gltf"), "a.mp4", "has the suffix '.mp4'; expected '.glb'"),
     "folder for a file": (Choice("gltf"), "taken.glb", "is a folder"),

@@ -9,19 +9,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.minimiser import _update
+from ldsim.dynamics.reduced.potential import make_work, value_gradient
+from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import SolverError
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Motion
-from ldsim.optimise.solution import Reason
+from ldsim.mesh.shapes import beam
+from ldsim.optimise.minimiser import Memory
+from ldsim.optimise.solution import Reason, Solution
 from ldsim.pipeline.comparison import Reference, run_reduced
 from ldsim.simulator import Outcome, full_simulator, load
 from ldsim.simulator.simulator import Simulator
+from ldsim.space.basis import inner_product
+from ldsim.space.decoder import Decoder
+from ldsim.space.pca import orthonormalised
 from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience
-from tests.helpers import reduced_space
+from tests.helpers import reduced_space, scene
 from tests.simulator.playable import modes, solid, write_playable
 
 VIOLENT_STEPS = {"latent": 2000, "linear": 2000, "full": 25}
@@ -82,6 +93,40 @@ def test_a_step_of_the_full_space_takes_no_longer_than_it_may() -> None:
     assert all(record.iterations < unbounded for record in records)
 
 
+def test_a_pull_whose_gradient_is_all_rounding_ends_its_steps() -> None:
+    """Row 14 of issue 17: 10⁶ N/m from 100 m away in a stiff solid left 10⁻⁸ of the forces that cancel, for ever."""
+    body = scene(beam(length=0.25, resolution=1), youngs_modulus=1e8)
+    rng = np.random.default_rng(1)
+    rough = rng.normal(size=(body.mesh.n_vertices, 3, 6)) * ~body.pinned[:, None, None]
+    fields = np.hstack([modes(body), rough.reshape(-1, 6)])
+    stepper = ReducedStepper(reduced_space(body, orthonormalised(fields, inner_product(body.mass, "mass")).matrix))
+    tip = int(body.mesh.vertices[:, 0].argmax())
+    found: list[Solution] = []
+    for d in ([-1.3, -0.6, 0.0], [-0.7, -0.5, -0.3], [1.5, -1.3, 1.5]):
+        loads = Loads((Grab(np.array([tip]), body.mesh.vertices[tip] + 100.0 * np.array(d), 1e6),))
+        state = before = stepper.rest()
+        for number in range(40):
+            before = state
+            state, solution = stepper.step(state, loads)
+            found += [solution] if number >= 10 else []
+        tolerance = stepper.options.stop(body) * max(1.0, float(np.linalg.norm(state.z)))
+        assert solution.gradient_norm <= max(tolerance, 3 * rounding(stepper, before, state.z, loads))
+    assert np.mean([solution.iterations for solution in found]) < 30
+    assert sum(not solution.converged for solution in found) <= 0.1 * len(found)
+
+
+def rounding(stepper: ReducedStepper, before: ReducedState, z: NDArray[np.float64], loads: Loads) -> float:
+    """By how much the gradient changes where coordinates are moved by a rounding, either way."""
+    model, springs, work = stepper.compiled(loads)
+    gradients = np.zeros((9, len(z)))
+    signs = np.random.default_rng(2).choice([-1.0, 1.0], gradients.shape)
+    signs[0] = 0.0
+    for sign, gradient in zip(signs, gradients, strict=True):
+        moved = z * (1 + np.finfo(float).eps * sign)
+        value_gradient(model, springs, 2 * before.q - before.q_previous, moved, work, gradient)
+    return float(np.linalg.norm(gradients[1:] - gradients[0], axis=1).max())
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
@@ -126,3 +171,19 @@ def test_a_window_that_cannot_start_costs_itself_alone() -> None:
     assert (made.reason[4:8] == Reason.INFINITE_START).all()
     assert (made.reason[8:] == Reason.CONVERGED).all() and (made.reason[:4] == Reason.CONVERGED).all()
     assert math.isfinite(float(made.seconds.sum()))
+
+
+def test_a_pair_of_almost_no_curvature_is_forgotten() -> None:
+    """Row 17: one with a cosine of 10⁻¹⁰ would have stretched the next direction by as much."""
+    s, y = np.array([1.0, 0.0]), np.array([1e-10, 1.0])
+    memory = Memory(4, 2)
+    memory.add(s, y)
+    np.testing.assert_array_equal(memory.direction(np.ones(2), lambda d: d), -np.ones(2))
+    work = make_work(Decoder.identity(2), 1)
+    work.z_new[:], work.g_new[:] = s, y
+    H = np.eye(2)
+    _update(H, np.zeros(2), work)
+    np.testing.assert_array_equal(H, np.eye(2))
+    work.g_new[:] = [1e-3, 1.0]  # and one that a Hessian may well have is kept
+    _update(H, np.zeros(2), work)
+    assert H[0, 0] > 100

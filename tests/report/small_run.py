@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 NAME = "tiny"
 K, R = 4, 2
 FRAMES = {"pull_1": 14, "push": 11}
-ROLES = {"pull_1": "train", "push": "heldout"}
+ROLES = {"pull_1": "train", "push": "validation"}
 FULL_FRAMES = 6
 LOST_FROM = 5
 CONFIG = f"""
@@ -52,21 +52,21 @@ mesh:
 snapshot:
   motions:
     - {{name: pull_1, pulls: {{count: 1, reach: 0.1}}}}
-    - {{name: push, role: heldout, pulls: {{count: 1, reach: 0.1}}}}
+    - {{name: push, role: validation, pulls: {{count: 1, reach: 0.1}}}}
 cubature: {{tolerance: 0.06}}
 report: {{pictures: 0}}
 """
 
 
-def write_run(folder: Path, lost: tuple[str, str] | None = None, heldout: bool = True) -> None:
+def write_run(folder: Path, lost: tuple[str, str] | None = None, validation: bool = True) -> None:
     """Write the six artefacts of a run.
 
     Args:
         lost: space and motion of a run that diverges at frame `LOST_FROM`.
-        heldout: whether there is a held-out motion.
+        validation: whether there is a validation motion.
     """
     scene = scene_of(beam(length=0.25, resolution=2))
-    motions = [name for name in FRAMES if heldout or ROLES[name] == "train"]
+    motions = [name for name in FRAMES if validation or ROLES[name] == "train"]
     write_scene(folder / "scene.h5", _header(folder, "scene"), scene)
     U = _modes(scene)
     fields = {name: _displacements(U, FRAMES[name], seed) for seed, name in enumerate(motions)}
@@ -139,8 +139,8 @@ def _write_basis(folder: Path, scene: Scene, U: Array, fields: dict[str, NDArray
         rows = [field.reshape(len(field), -1) for name, field in fields.items() if ROLES[name] == role]
         return errors_against_k(lambda: rows, basis)
 
-    heldout = errors("heldout") if "heldout" in map(ROLES.get, fields) else (None, None)
-    pca = Pca(basis, np.array([0.1, 0.03, 0.01, 0.003, 1e-4]), *errors("train"), *heldout)
+    validation = errors("validation") if "validation" in map(ROLES.get, fields) else (None, None)
+    pca = Pca(basis, np.array([0.1, 0.03, 0.01, 0.003, 1e-4]), *errors("train"), *validation)
     write_basis(folder / "basis.h5", _header(folder, "basis"), pca)
     return pca
 
@@ -155,7 +155,7 @@ def _write_model(folder: Path, pca: Pca, fields: dict[str, NDArray[np.float32]])
         rows = [field.reshape(len(field), -1) for name, field in fields.items() if ROLES[name] == role]
         return reconstruction_error(lambda: rows, pca.basis, encoder, decoder)
 
-    measured = np.array([errors("train"), errors("heldout")])
+    measured = np.array([errors("train"), errors("validation")])
     loss = np.stack([np.geomspace(1, 1e-3, 8), np.geomspace(1.1, 2e-3, 8)], axis=1)
     kp = matching_dimension(pca.max_error, measured[0, 0]) + 1
     model = StoredModel(decoder, encoder, loss, np.array([[R, 1.0, 0.1]]), measured, kp, 7)
@@ -200,7 +200,8 @@ def _write_simulation(
             reference = Reference(Motion(name, len(field)), {}, lambda a, b, data=field: data[a:b])
             held = Space.linear(scene, Basis.of(U, scene.mass), columns)
             runs[space][name] = with_errors(run, windowed, held, reference)
-    write_simulation(folder / "simulation.h5", _header(folder, "simulation"), runs)
+    notes = {"latent_points": 5, "linear_points": 8, "space": "latent"}
+    write_simulation(folder / "simulation.h5", _header(folder, "simulation", **notes), runs)
 
 
 def _trajectory(rng: np.random.Generator, frames: int, seconds: float) -> Trajectory:

@@ -32,9 +32,9 @@ def page_of(*runs: Reported) -> str:
 
 
 def with_run(space: str, **changes: Any) -> dict[str, Any]:
-    """The simulations of the example with one more run of a space, on another held-out motion."""
+    """The simulations of the example with one more run of a space, on another test motion."""
     simulate = example_report()["simulate"]
-    like = next(run for run in simulate[space] if run["role"] == "heldout")
+    like = next(run for run in simulate[space] if run["role"] == "test")
     return simulate | {space: [*simulate[space], like | {"motion": "x_3"} | changes]}
 
 
@@ -45,11 +45,11 @@ def error(relative: float) -> dict[str, float]:
 def test_a_record_holds_the_report_s_own_numbers():
     found = record(run_of("x"))
     assert (found["k"], found["r"], found["kp"], found["cells"]) == (60, 10, 37, 29687)
-    assert found["points"] == {"linear": 366, "latent": 69}
+    assert found["points"] == {"linear": 366, "latent": 32}
     assert found["cubature_error"]["latent"] == {"fitted": 0.0497, "kept_back": 0.1123}
     assert found["motion"] == "x_2" and found["step_ms"] == {"full": 131.9, "linear": 4.09, "latent": 0.243}
     assert found["online"]["train"]["latent"]["relative"] == 0.0826
-    assert found["online"]["heldout"]["linear"]["relative"] == 0.2104
+    assert found["online"]["test"]["linear"]["relative"] == 0.2104
     assert found["online"]["train"]["linear"] is None
     assert found["paper"]["latent_ms"] == 4.6 and record(run_of("torus"))["paper"] is None
 
@@ -57,26 +57,26 @@ def test_a_record_holds_the_report_s_own_numbers():
 @pytest.mark.parametrize(("relative", "motion"), [(0.9, "x_3"), (0.1, "x_2")])
 def test_the_worst_motion_of_a_role_stands_for_it(relative, motion):
     found = record(run_of("x", simulate=with_run("latent", online_error=error(relative))))
-    assert found["online"]["heldout"]["latent"]["motion"] == motion
+    assert found["online"]["test"]["latent"]["motion"] == motion
 
 
 def test_no_error_is_worse_than_a_run_that_diverged():
     simulate = with_run("latent", online_error=None, diverged=True)
-    found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
+    found = record(run_of("x", simulate=simulate))["online"]["test"]["latent"]
     assert (found["motion"], found["diverged"], found["relative"]) == ("x_3", True, None)
     assert page_of(run_of("x", simulate=simulate)).count('class="bad"') == 2
 
 
 def test_a_motion_without_a_full_space_run_does_not_stand_for_the_others():
     found = record(run_of("x", simulate=with_run("latent", online_error=None)))
-    assert found["online"]["heldout"]["latent"]["motion"] == "x_2"
+    assert found["online"]["test"]["latent"]["motion"] == "x_2"
 
 
 def test_novelty_is_that_of_the_worst_run():
     novelty = {"median": 1.0, "threshold": 2.0, "share_above": 0.25, "rank_correlation": 0.1}
     novelty["rank_correlation_remembered"] = 0.61
     simulate = with_run("latent", online_error=error(0.8), novelty=novelty)
-    found = record(run_of("x", simulate=simulate))["online"]["heldout"]["latent"]
+    found = record(run_of("x", simulate=simulate))["online"]["test"]["latent"]
     assert (found["share_above"], found["rank_correlation_remembered"]) == (0.25, 0.61)
 
 
@@ -123,7 +123,7 @@ def test_every_number_of_the_comparison_is_on_the_page():
     run = run_of("torus")
     shown = set(map(float, Outline(page_of(run)).values("data", "value")))
     (numbers,) = compared(run)["runs"]
-    for space in ("linear", "latent"):  # shown for held-out motions only
+    for space in ("linear", "latent"):  # shown for test motions only
         (numbers["online"]["train"][space] or {}).pop("windowed", None)
     assert set(numbers_of(numbers)) <= shown
 
@@ -153,9 +153,9 @@ def test_each_figure_has_a_mark_for_every_value_and_every_entry_of_its_legend():
 def test_marks_stand_at_the_numbers_of_their_run():
     fast = with_run("latent", online_error=error(0.8))
     drawn = comparison_figures(compared(run_of("x"), run_of("beam", simulate=fast))["runs"])
-    heldout = next(one for one in drawn["error_against_time"].series if one.name == "latent, held-out")
-    assert heldout.x == (0.243, 0.243) and heldout.y == pytest.approx((33.13, 80.0))
-    assert heldout.labels == ("x", "beam") and drawn["online_errors"].y.names == ("x", "beam")
+    tests = next(one for one in drawn["error_against_time"].series if one.name == "latent, test")
+    assert tests.x == (0.243, 0.243) and tests.y == pytest.approx((33.13, 80.0))
+    assert tests.labels == ("x", "beam") and drawn["online_errors"].y.names == ("x", "beam")
     links = [one for one in drawn["error_against_time"].series if one.kind == "link"]
     assert [(one.x, one.y) for one in links] == [
         ((4.09, 0.243), (pytest.approx(21.04), pytest.approx(end))) for end in (33.13, 80.0)

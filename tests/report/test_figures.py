@@ -137,7 +137,7 @@ def test_the_errors_against_k_are_those_of_the_basis_and_the_autoencoder(run):
     figure = draw_figures(run, 0.06)["error_against_k"]
     series = {one.name: one.y for one in figure.series}
     np.testing.assert_allclose(series["max, training"], 1000 * run.pca.max_error, rtol=1e-6)
-    np.testing.assert_allclose(series["mean, held-out"], 1000 * run.pca.heldout_mean_error, rtol=1e-6)
+    np.testing.assert_allclose(series["mean, validation"], 1000 * run.pca.validation_mean_error, rtol=1e-6)
     level = [guide for guide in figure.guides if guide.axis == "y"]
     np.testing.assert_allclose([guide.at for guide in level], 1000 * run.model.errors[0])
     assert [guide.text.split()[:2] for guide in level] == [["autoencoder", "max"], ["autoencoder", "mean"]]

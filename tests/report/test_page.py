@@ -155,7 +155,7 @@ def test_what_was_not_measured_is_a_dash():
     report = example_report()
     assert number(None) == '<span class="null" title="not measured">–</span>'
     before = page_of(report).count("not measured")
-    report["reconstruction"]["heldout"] = None
+    report["reconstruction"]["test"] = None
     assert page_of(report).count("not measured") == before + 8
 
 

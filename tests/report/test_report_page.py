@@ -142,7 +142,7 @@ def test_playing_goes_on_to_other_frames_and_pause_stops(opened: Tab) -> None:
 
 def test_every_motion_can_be_chosen_and_says_its_role(opened: Tab) -> None:
     names = opened.evaluate("[...document.querySelector('.motion').options].map((option) => option.textContent)")
-    assert names == ["push (held-out)", "pull_1 (training)"]
+    assert names == ["push (validation)", "pull_1 (training)"]
     set_to(opened, ".motion", 1, "change")
     assert opened.evaluate(f"{REPLAY}.motion.name") == "pull_1"
     assert opened.evaluate("Number(document.querySelector('.scrub').max)") == FRAMES["pull_1"] - 1
@@ -177,8 +177,8 @@ def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, folder: P
     true = {
         "max, training": stored.max_error,
         "mean, training": stored.mean_error,
-        "max, held-out": stored.heldout_max_error,
-        "mean, held-out": stored.heldout_mean_error,
+        "max, validation": stored.validation_max_error,
+        "mean, validation": stored.validation_mean_error,
     }
     assert {name for name, _ in read} == set(true)
     for name, points in read:

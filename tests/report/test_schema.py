@@ -76,7 +76,7 @@ def test_each_value_of_a_wrong_type_is_named(path):
         (("rest_residual_mm",), float("nan")),
         (("speedup", "latent_over_full"), float("inf")),
         (("experiment",), None),
-        (("simulate", "latent", 0, "role"), "test"),
+        (("simulate", "latent", 0, "role"), "heldout"),
         (("simulate", "latent", 0, "diverged"), 1),
         (("simulate", "latent"), {}),
         (("stages",), []),
@@ -103,7 +103,7 @@ def test_unknown_keys_are_named_with_the_known_ones(path):
     [
         ("dims", "kp"),
         ("machine", "gpu"),
-        ("reconstruction", "heldout"),
+        ("reconstruction", "test"),
         ("cubature", "linear"),
         ("simulate", "latent", 0, "online_error"),
         ("simulate", "latent", 0, "iterations"),

@@ -69,7 +69,8 @@ def advance(
     predictor = q_new  # read as q̂ while the step runs; φ(z) takes its place afterwards
     for j in range(k):
         predictor[j] = 2.0 * q[j] - q_previous[j]
-    result = step(reduced, springs, predictor, guess, z_new, H_new, renew, options, work)
+    begin = guess if options.extrapolate else z
+    result = step(reduced, springs, predictor, begin, z_new, H_new, renew, options, work)
     for i in range(r):
         z_before[i] = z[i]
         # quadratic extrapolation: the change of the last step, plus the change of that change

@@ -13,7 +13,7 @@ from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, valu
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.jit import copy, kernel
 from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
-from ldsim.optimise.minimiser import backward_loop, forward_loop
+from ldsim.optimise.minimiser import CURVED, backward_loop, forward_loop
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian
 
@@ -40,14 +40,17 @@ class Method(IntEnum):
 
 
 LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
+# Of the weak Wolfe condition: the least share of the first slope that is left (Nocedal and Wright 2006, Sec. 3.1).
+CURVATURE = 0.9
 
 
 class Minimisation(NamedTuple):
     """How to minimise.
 
-    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1). method: a number of `Method`. current: precondition with the
-    tangent at a state of the motion, not at rest. renewal: iterations after which the preconditioner is renewed within
-    a step and the memory starts anew.
+    tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), or at its rounding. method: a number of `Method`. current:
+    precondition with the tangent at a state of the motion, not at rest. renewal: iterations after which the
+    preconditioner is renewed within a step and the memory starts anew. extrapolate: start where earlier steps lead to.
+    wolfe: which line search.
     """
 
     tolerance: float
@@ -55,6 +58,8 @@ class Minimisation(NamedTuple):
     method: int
     current: bool
     renewal: int
+    extrapolate: bool
+    wolfe: bool
 
 
 @kernel()
@@ -157,6 +162,44 @@ def _search(
 
 
 @kernel()
+def _rounding(model: Reduced, springs: Springs, predictor: Array, z: Array, work: Work) -> float:
+    """By how much ‖∇E‖ changes where every coordinate is moved by a rounding, N; φ(z) is left in work.q."""
+    for i in range(z.shape[0]):
+        work.z_new[i] = z[i] * (1.0 + EPSILON if i % 2 else 1.0 - EPSILON)
+    value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
+    for i in range(z.shape[0]):
+        work.g_new[i] -= work.g[i]
+    decode(model.layers, z, work.hidden, work.q)
+    return math.sqrt(inner(work.g_new, work.g_new))
+
+
+@kernel()
+def _wolfe_search(
+    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
+) -> tuple[bool, float, int]:
+    """The same, for a step with sufficient decrease after which the slope has risen to `CURVATURE` of the first.
+
+    Bisection, doubling until there is an upper end (Lewis and Overton 2013, Algorithm 2.6).
+    """
+    d, length, low, high = work.d, 1.0, 0.0, math.inf
+    for evaluations in range(1, MAX_BACKTRACKS + 1):
+        for i in range(z.shape[0]):
+            work.z_new[i] = z[i] + length * d[i]
+        f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
+        slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
+        if not accepts(f, slope, length, f_new, slope_new):
+            high = length
+        elif slope_new < CURVATURE * slope:
+            low = length
+        else:
+            return True, f_new, evaluations
+        length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
+            return False, f, evaluations
+    return False, f, MAX_BACKTRACKS
+
+
+@kernel()
 def step(
     model: Reduced,
     springs: Springs,
@@ -196,19 +239,27 @@ def step(
         norm = math.sqrt(inner(g, g))
         if norm <= options.tolerance * max(math.sqrt(inner(z, z)), 1.0):
             return iteration, evaluations, CONVERGED, f, norm
-        if renew or options.method == NEWTON or iteration - max(renewed_at, 0) >= options.renewal:
+        overdue = iteration - max(renewed_at, 0) >= options.renewal
+        if iteration > 0 and (renew or overdue) and options.method != NEWTON:
+            # a step that goes on for long: forces that cancel may leave nothing but their rounding
+            evaluations += 1
+            if norm <= _rounding(model, springs, predictor, z, work):
+                return iteration, evaluations, CONVERGED, f, norm
+        if renew or overdue or options.method == NEWTON:
             _precondition(model, springs, z, options, H, work)
             renew, count, renewed_at = False, 0, iteration
         slope = _direction(H, newest, count, work)
         accepted, f_new, tried = False, f, 0
-        if slope < 0.0:
+        if slope < 0.0 and options.wolfe:
+            accepted, f_new, tried = _wolfe_search(model, springs, predictor, z, f, slope, work)
+        elif slope < 0.0:
             accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
         evaluations += tried
         if not accepted:
             # with a fresh preconditioner there is nothing better to try; with an old one, that
             if renewed_at == iteration:
-                decode(model.layers, z, work.hidden, work.q)
-                return iteration, evaluations, NO_DECREASE, f, norm
+                rounding = _rounding(model, springs, predictor, z, work)
+                return iteration, evaluations + 1, CONVERGED if norm <= rounding else NO_DECREASE, f, norm
             renew = True
             continue
         if options.method == LBFGS:
@@ -257,4 +308,4 @@ def _pair(z: Array, s: Array, y: Array, work: Work) -> float:
         s[i] = work.z_new[i] - z[i]
         y[i] = work.g_new[i] - work.g[i]
     sy = inner(s, y)
-    return sy if sy > 1e-14 * math.sqrt(inner(s, s) * inner(y, y)) else 0.0
+    return sy if sy > CURVED * math.sqrt(inner(s, s) * inner(y, y)) else 0.0

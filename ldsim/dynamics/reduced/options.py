@@ -13,17 +13,13 @@ SHARE_OF_WEIGHT = 1e-4
 EARTH = 9.8
 
 
-class ReducedOptions(Options):
-    """Options of the minimiser of a reduced step."""
+class MinimiserOptions(Options):
+    """Which minimiser takes the reduced steps; the paper's is lbfgs with current, inertia and extrapolate off and
+    every_step and wolfe on."""
 
-    tolerance: Annotated[
-        float | None,
-        Field(gt=0, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N; left out, 10⁻⁴ of the solid's weight."),
-    ] = None
-    max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
     method: Annotated[
         Literal["bfgs", "lbfgs", "newton"],
-        Field(description="BFGS kept across steps, L-BFGS (paper, Sec. 5.2), or Newton."),
+        Field(description="BFGS kept across steps, L-BFGS of eight pairs (paper, Sec. 5.2), or Newton."),
     ] = "bfgs"
     current: Annotated[
         bool, Field(description="Precondition with the tangent at a state of the motion, not with that at rest.")
@@ -31,6 +27,26 @@ class ReducedOptions(Options):
     inertia: Annotated[
         bool, Field(description="Inertia in the preconditioner at rest; false is the paper's Eq. 15, JᵀK̃₀J.")
     ] = True
+    every_step: Annotated[
+        bool, Field(description="Make the preconditioner anew in every step; else where it has become bad.")
+    ] = False
+    extrapolate: Annotated[
+        bool, Field(description="Start a step where the last three lead to; false starts it at the last state.")
+    ] = True
+    wolfe: Annotated[
+        bool, Field(description="A line search that also asks for the weak Wolfe condition, by bisection.")
+    ] = False
+
+
+class ReducedOptions(MinimiserOptions):
+    """How a reduced step is taken."""
+
+    tolerance: Annotated[
+        float | None,
+        Field(gt=0, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N; left out, 10⁻⁴ of the solid's weight."),
+    ] = None
+    max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
+    quasistatic: Annotated[bool, Field(description="Leave inertia out: every step leads to an equilibrium.")] = False
 
     def stop(self, scene: Scene) -> float:
         """The tolerance, N."""

@@ -72,7 +72,7 @@ class ReducedStepper:
         self.space, self.scene, self.options = space, scene, options
         self._elements = elements = rule.elements(scene)
         self.mass = reduced_mass(scene, basis)
-        inertia = self.mass / scene.time_step**2
+        inertia = (0.0 if options.quasistatic else 1.0) * self.mass / scene.time_step**2
         self._stiffness = reduced_rest_stiffness(scene, basis)
         self._model = Reduced(
             space.decoder.layers,
@@ -90,7 +90,9 @@ class ReducedStepper:
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
-        self._pins = MovingPins.of(space) if space.lifting is not None and space.lifting.count else None
+        self._pins = (
+            MovingPins.of(space, options.quasistatic) if space.lifting is not None and space.lifting.count else None
+        )
         if space.compliance is not None:
             space.compliance.sag()  # factorises now, not in the step that first grabs
         self._dimensions = (space.decoder.r, space.decoder.k)
@@ -98,7 +100,13 @@ class ReducedStepper:
         self._renewal_cost = RENEWAL_COST[method]
         renewal = RENEWAL[method] if options.current else options.max_iterations
         self._minimisation = Minimisation(
-            options.stop(scene), options.max_iterations, int(method), options.current, renewal
+            options.stop(scene),
+            options.max_iterations,
+            int(method),
+            options.current,
+            renewal,
+            options.extrapolate,
+            options.wolfe,
         )
         self._total_mass = float(scene.mass.sum())
         self._threads = threading.local()
@@ -150,7 +158,12 @@ class ReducedStepper:
                 f"{len(loads.pins[0].vertices)} pins move; the {self.space.name} space has no lifting for them"
             )
         held = bench.held
-        renew = not state.usable or state.excess > self._renewal_cost or not _same(held, state.held)
+        renew = (
+            self.options.every_step
+            or not state.usable
+            or state.excess > self._renewal_cost
+            or not _same(held, state.held)
+        )
         data = np.empty(len(state.data))
         iterations, evaluations, reason, value, norm = advance(bench.reference, state.data, renew, data)
         solution = Solution(value, norm, iterations, evaluations, REASONS[reason])
@@ -314,12 +327,12 @@ class MovingPins(NamedTuple):
     rest: Array
 
     @classmethod
-    def of(cls, space: Space) -> MovingPins:
+    def of(cls, space: Space, quasistatic: bool = False) -> MovingPins:
         scene = space.scene
         lifting = Lifting.of(scene, ()) if space.lifting is None else space.lifting
         L = lifting.fields
         momentum = np.asarray(scene.mass @ L.reshape(scene.mesh.n_vertices, -1)).reshape(L.shape)
-        inertia = space.reduced_basis.matrix.T @ momentum / scene.time_step**2
+        inertia = (0.0 if quasistatic else 1.0) * space.reduced_basis.matrix.T @ momentum / scene.time_step**2
         fields = L.reshape(scene.mesh.n_vertices, 3, -1)
         return cls(lifting, fields, strain_maps(scene, L, space.rule.points), inertia, scene.mesh.vertices)
 
@@ -362,5 +375,7 @@ def _leading(maps: Array) -> Array:
 def _diagonal(matrix: Array) -> Array:
     """The diagonal (1, k) of a matrix with nothing else but rounding, or the matrix."""
     diagonal = np.diagonal(matrix)
+    if not diagonal.any():
+        return np.zeros((1, len(matrix)))
     rest = np.abs(matrix - np.diag(diagonal)).max()
     return np.ascontiguousarray(diagonal[None]) if rest <= 1e-13 * diagonal[diagonal > 0].min() else matrix

@@ -43,6 +43,7 @@ MINIMISERS: list[dict[str, object]] = [
     {"method": "bfgs"},
     {"method": "bfgs", "current": False},
     {"method": "newton"},
+    {"method": "lbfgs", "current": False, "inertia": False, "every_step": True, "extrapolate": False, "wolfe": True},
 ]
 TET = scene(beam(resolution=1), youngs_modulus=3e4)
 HEX = scene(beam(resolution=1, cell_type="hex8"), youngs_modulus=3e4)
@@ -106,6 +107,37 @@ def test_linear_stepping_with_a_full_basis_is_full_stepping(body: Scene) -> None
     for step in reduced:
         state, _ = full.step(state, pull(body))
         np.testing.assert_allclose((U @ step.q).reshape(-1, 3), state.u, atol=1e-8)
+
+
+@pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
+def test_quasi_static_steps_with_a_full_basis_are_those_of_the_full_space(body: Scene) -> None:
+    U, motion = full_basis(body), shaken(body, 3)
+    lifting = Lifting.of(body, [motion])
+    linear = stepper(body, U, Decoder.identity(U.shape[1]), tolerance=1e-9, lifting=lifting, quasistatic=True)
+    full = FullStepper(body, FullOptions(tolerance=1e-9, quasistatic=True))
+    state, whole = linear.rest(), full.rest()
+    for frame in range(3):
+        loads = pull(body, 0.02 * (1 + frame))._replace(pins=placed(motion, frame))
+        state, solution = linear.step(state, loads)
+        assert solution.reason == Reason.CONVERGED
+        whole, _ = full.step(whole, loads)
+        np.testing.assert_allclose(linear.displacement(state), whole.u, atol=1e-8)
+
+
+def test_a_quasi_static_step_forgets_how_fast_the_solid_was() -> None:
+    some = stepper(TET, some_basis(TET, 6), curved(6, 4), tolerance=1e-10, quasistatic=True)
+    moving = run(some, pull(TET), 3)[-1]
+    ends = [some.step(state, pull(TET, 0.02))[0].q for state in (moving, moving.standing())]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-8)
+    assert np.abs(ends[0] - moving.q).max() > 1e-4
+
+
+def test_a_step_that_does_not_extrapolate_starts_where_the_last_one_ended() -> None:
+    """So a solid that is in equilibrium already needs no iteration, whatever its last change was."""
+    for extrapolate in (False, True):
+        some = stepper(TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=extrapolate)
+        _, solution = some.step(run(some, pull(TET), 1)[0], pull(TET))
+        assert (solution.iterations == 0) is not extrapolate
 
 
 def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:

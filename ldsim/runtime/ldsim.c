@@ -1,0 +1,1828 @@
+/* The reduced step of ldsim: see ldsim.h for what it does and docs/guide/runtime.md for the file.
+ *
+ * One step of implicit Euler minimises the incremental potential (Fulton et al. 2019, Eq. 12) over z in R^r,
+ *
+ *     E(z) = 1/2 (f - f^)' I (f - f^) + sum_s w_s Psi(F_s) - load . f + sum_g 1/2 k |c_g + B_g f - target_g|^2
+ *
+ * with the features f = f(z) in R^m that displacements u = U f are linear in, f^ = 2 f_n - f_(n-1), I the reduced mass
+ * over the time step squared, and F_s = 1 + G_s f the deformation gradient of a cubature point. This is the step of
+ * ldsim/dynamics/reduced in Python: the same decisions in the same order, so that iterates agree to rounding.
+ *
+ * In order: numbers and small algebra, 3 x 3 tensors, materials, the model file, the decoder, the potential, its
+ * tangent, the minimiser, compliance, grabs, the step, what can be read of a solid, saved states.
+ */
+#include "ldsim.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define MAX_LAYERS 8
+#define POINTS_AT_ONCE 32 /* of the tangent, so that what it works on stays in the cache */
+
+enum { ELU, RELU, TANH, SIGMOID, ACTIVATIONS };
+enum { NEO_HOOKEAN, STABLE_NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, FIXED_COROTATED, LINEAR, MATERIALS };
+
+const char *ldsim_message(int code)
+{
+    switch (code) {
+    case LDSIM_OK: return "all is well";
+    case LDSIM_NO_MEMORY: return "there is not enough memory";
+    case LDSIM_NO_FILE: return "the file cannot be read; check its path";
+    case LDSIM_NOT_A_MODEL: return "this is no model of ldsim; write one by `ldsim export RUN --format c`";
+    case LDSIM_OTHER_VERSION: return "the model is of another version than this library; export it again";
+    case LDSIM_WRONG_SIZE: return "the model has not the size that it says; it was cut off, or is of another file";
+    case LDSIM_DAMAGED: return "the checksum does not fit; the bytes were changed on their way, copy them again";
+    case LDSIM_BAD_SIZES: return "the model has sizes that do not belong together, or are out of range";
+    case LDSIM_BAD_INDEX: return "the model has an index that is out of range";
+    case LDSIM_NOT_FINITE: return "there is a number that is not finite";
+    case LDSIM_BAD_VALUE: return "the model has a number that must be positive and is not";
+    case LDSIM_BIG_ENDIAN: return "this machine is big-endian; models are little-endian";
+    case LDSIM_BAD_ARGUMENT: return "an argument is out of range: null, not finite, negative, or a vertex that is none";
+    case LDSIM_TOO_MANY_GRABS: return "there are as many grabs as the solid was created for; release one";
+    case LDSIM_NO_SUCH_GRAB: return "there is no such grab; it was released, here or by a reset";
+    case LDSIM_TOO_FAR: return "the point is farther from the solid than half its diagonal; check that it is in metres";
+    case LDSIM_ALL_PINNED: return "all vertices there are pinned; take hold of a part that can move";
+    case LDSIM_NO_SUCH_SUPPORT: return "there is no such support; a model moves the pins that a motion of its run moves";
+    case LDSIM_OTHER_MODEL: return "the saved state is of another model, or no saved state, or damaged";
+    case LDSIM_OUT_OF_BOUNDS: return "the saved state is farther from rest than a solid may be";
+    default: return "there is no such code";
+    }
+}
+
+/* ---- Numbers and small algebra ---------------------------------------------------------------------------------- */
+
+/* Sums run in eight lanes, in one order whatever the compiler does with them. */
+static double dot(const double *restrict a, const double *restrict b, int n)
+{
+    double s[8] = {0.0}, rest = 0.0;
+    int i = 0;
+    for (; i + 8 <= n; i += 8)
+        for (int lane = 0; lane < 8; lane++) s[lane] += a[i + lane] * b[i + lane];
+    for (; i < n; i++) rest += a[i] * b[i];
+    return (((s[0] + s[4]) + (s[1] + s[5])) + ((s[2] + s[6]) + (s[3] + s[7]))) + rest;
+}
+
+static double norm(const double *a, int n) { return sqrt(dot(a, a, n)); }
+
+static void copy(double *restrict to, const double *restrict from, size_t n) { memcpy(to, from, n * sizeof *to); }
+
+static void zero(double *a, size_t n) { memset(a, 0, n * sizeof *a); }
+
+/* out += W' x for W (rows, columns), four rows at a time, so that out is loaded less often. */
+static void add_transposed(const double *restrict W, const double *restrict x, double *restrict out, int rows,
+                           int columns)
+{
+    int i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        const double a = x[i], b = x[i + 1], c = x[i + 2], d = x[i + 3];
+        const double *A = W + (size_t)i * columns, *B = A + columns, *C = B + columns, *D = C + columns;
+        for (int j = 0; j < columns; j++) out[j] += (a * A[j] + b * B[j]) + (c * C[j] + d * D[j]);
+    }
+    for (; i < rows; i++)
+        for (int j = 0; j < columns; j++) out[j] += x[i] * W[(size_t)i * columns + j];
+}
+
+/* out += W v. */
+static void add_product(const double *restrict W, const double *restrict v, double *restrict out, int rows, int columns)
+{
+    for (int i = 0; i < rows; i++) out[i] += dot(W + (size_t)i * columns, v, columns);
+}
+
+/* Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace. */
+static int cholesky(double *A, int n)
+{
+    double trace = 0.0;
+    for (int a = 0; a < n; a++) trace += A[a * n + a];
+    if (!(trace > 0.0 && trace < INFINITY)) return 0;
+    const double least = 1e-13 * trace;
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b <= a; b++) {
+            const double total = A[a * n + b] - dot(A + a * n, A + b * n, b);
+            A[a * n + b] = a == b ? sqrt(fmax(total, least)) : total / A[b * n + b];
+        }
+    return 1;
+}
+
+static void solve_cholesky(const double *L, double *x, int n)
+{
+    for (int a = 0; a < n; a++) x[a] = (x[a] - dot(L + a * n, x, a)) / L[a * n + a];
+    for (int a = n - 1; a >= 0; a--) {
+        double total = x[a];
+        for (int b = a + 1; b < n; b++) total -= L[b * n + a] * x[b];
+        x[a] = total / L[a * n + a];
+    }
+}
+
+/* inverse = A^-1 by its Cholesky factor, which takes the place of A; inverse stays as it is where there is none. */
+static int invert(double *A, double *inverse, int n)
+{
+    if (!cholesky(A, n)) return 0;
+    zero(inverse, (size_t)n * n);
+    for (int a = 0; a < n; a++) {
+        inverse[a * n + a] = 1.0;
+        solve_cholesky(A, inverse + a * n, n);
+    }
+    return 1;
+}
+
+/* By its bits, so that no compiler may assume that all numbers are finite. */
+static int finite_number(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (bits >> 52 & 0x7FF) != 0x7FF;
+}
+
+static int all_finite(const double *x, size_t n)
+{
+    int fine = 1;
+    for (size_t i = 0; i < n; i++) fine &= finite_number(x[i]);
+    return fine;
+}
+
+/* ---- 3 x 3 tensors, row by row; a symmetric one is (00, 11, 22, 01, 02, 12) ---------------------------------------- */
+
+static double determinant(const double *A)
+{
+    return A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) + A[2] * (A[3] * A[7] - A[4] * A[6]);
+}
+
+/* det(A) A^(-T), the derivative of the determinant. */
+static void cofactor(const double *A, double *C)
+{
+    C[0] = A[4] * A[8] - A[5] * A[7], C[1] = A[5] * A[6] - A[3] * A[8], C[2] = A[3] * A[7] - A[4] * A[6];
+    C[3] = A[2] * A[7] - A[1] * A[8], C[4] = A[0] * A[8] - A[2] * A[6], C[5] = A[1] * A[6] - A[0] * A[7];
+    C[6] = A[1] * A[5] - A[2] * A[4], C[7] = A[2] * A[3] - A[0] * A[5], C[8] = A[0] * A[4] - A[1] * A[3];
+}
+
+static double squared(const double *A)
+{
+    return A[0] * A[0] + A[1] * A[1] + A[2] * A[2] + A[3] * A[3] + A[4] * A[4] + A[5] * A[5] + A[6] * A[6] +
+           A[7] * A[7] + A[8] * A[8];
+}
+
+/* F'F. */
+static void gram(const double *F, double *S)
+{
+    S[0] = F[0] * F[0] + F[3] * F[3] + F[6] * F[6], S[1] = F[1] * F[1] + F[4] * F[4] + F[7] * F[7];
+    S[2] = F[2] * F[2] + F[5] * F[5] + F[8] * F[8], S[3] = F[0] * F[1] + F[3] * F[4] + F[6] * F[7];
+    S[4] = F[0] * F[2] + F[3] * F[5] + F[6] * F[8], S[5] = F[1] * F[2] + F[4] * F[5] + F[7] * F[8];
+}
+
+/* x^(-1/3) for x > 0 to a few units in the last place, without a branch or a call; any number elsewhere. With b the bits
+ * of x, four thirds of those of 1 less b/3 are those of a guess that is 3.4 % off; Newton's method on y^-3 = x follows. */
+static double inverse_cube_root(double x)
+{
+    uint64_t bits, third;
+    double y;
+    memcpy(&bits, &x, sizeof bits);
+    third = (bits >> 2) + (bits >> 4);
+    third += third >> 4;
+    third += third >> 8;
+    third += third >> 16;
+    bits = UINT64_C(0x553EF0FF289DD796) - third;
+    memcpy(&y, &bits, sizeof y);
+    for (int i = 0; i < 5; i++) y += y * (1.0 - x * y * y * y) * (1.0 / 3.0);
+    return y;
+}
+
+/* Turns rows p and q of V, and the pair (x, y) of off-diagonals, by the rotation that zeroes the off-diagonal *apq of
+ * the diagonal entries *app and *aqq (Golub and Van Loan, Sec. 8.5). V is kept transposed, an eigenvector a row. */
+static void jacobi_rotate(double *app, double *aqq, double *apq, double *x, double *y, double *vp, double *vq)
+{
+    if (*apq == 0.0) return;
+    const double tau = (*aqq - *app) / (2.0 * *apq);
+    const double t = copysign(1.0, tau) / (fabs(tau) + sqrt(1.0 + tau * tau));
+    const double c = 1.0 / sqrt(1.0 + t * t), s = t * c, x0 = *x, y0 = *y;
+    *app -= t * *apq, *aqq += t * *apq, *apq = 0.0;
+    *x = c * x0 - s * y0, *y = s * x0 + c * y0;
+    for (int i = 0; i < 3; i++) {
+        const double a = vp[i], b = vq[i];
+        vp[i] = c * a - s * b, vq[i] = s * a + c * b;
+    }
+}
+
+/* Eigenvalues into S[0 .. 2], eigenvectors into the rows of V, by Jacobi's method; twelve sweeps end even on NaN. */
+static void symmetric_eigen(double *S, double V[3][3])
+{
+    memset(V, 0, 9 * sizeof(double));
+    V[0][0] = V[1][1] = V[2][2] = 1.0;
+    for (int sweep = 0; sweep < 12; sweep++) {
+        if (fabs(S[3]) + fabs(S[4]) + fabs(S[5]) <= 1e-17 * (fabs(S[0]) + fabs(S[1]) + fabs(S[2]))) break;
+        jacobi_rotate(S, S + 1, S + 3, S + 4, S + 5, V[0], V[1]);
+        jacobi_rotate(S, S + 2, S + 4, S + 3, S + 5, V[0], V[2]);
+        jacobi_rotate(S + 1, S + 2, S + 5, S + 3, S + 4, V[1], V[2]);
+    }
+}
+
+/* The nearest positive semidefinite matrix: negative eigenvalues set to zero. */
+static void clamp_symmetric(double *S)
+{
+    const double a = S[0], b = S[1], c = S[2], d = S[3], e = S[4], f = S[5];
+    const double minor = a * b - d * d, third = minor * c - (a * f * f - 2.0 * d * e * f + b * e * e);
+    if (a > 0.0 && minor > 1e-14 * a * b && third > 1e-14 * a * b * c) return; /* Sylvester's criterion */
+    double W[6], V[3][3];
+    memcpy(W, S, sizeof W);
+    symmetric_eigen(W, V);
+    if (W[0] >= 0.0 && W[1] >= 0.0 && W[2] >= 0.0) return;
+    static const int row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
+    for (int e6 = 0; e6 < 6; e6++) {
+        S[e6] = 0.0;
+        for (int i = 0; i < 3; i++) S[e6] += fmax(W[i], 0.0) * V[i][row[e6]] * V[i][column[e6]];
+    }
+}
+
+static void cross(const double *a, const double *b, double *c)
+{
+    c[0] = a[1] * b[2] - a[2] * b[1], c[1] = a[2] * b[0] - a[0] * b[2], c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* F = U diag(sigma) V' with rotations U, V, row by row; the last sigma, the smallest, carries the sign of det F. */
+static void signed_svd(const double *F, double *U, double *sigma, double *V)
+{
+    double S[6], W[3][3], p[3], x[3], y[3], z[3];
+    gram(F, S);
+    symmetric_eigen(S, W);
+    int i = 0, j = 1; /* of the largest and the second stretch; the third follows as their cross product */
+    if (S[1] > S[0] && S[1] >= S[2]) i = 1, j = S[0] >= S[2] ? 0 : 2;
+    else if (S[2] > S[0] && S[2] > S[1]) i = 2, j = S[0] >= S[1] ? 0 : 1;
+    else if (S[2] > S[1]) j = 2;
+    cross(W[i], W[j], p);
+    for (int a = 0; a < 3; a++) x[a] = dot3(F + 3 * a, W[i]), y[a] = dot3(F + 3 * a, W[j]);
+    sigma[0] = sqrt(dot3(x, x));
+    for (int a = 0; a < 3; a++) x[a] = sigma[0] > 0.0 ? x[a] / sigma[0] : a == 0;
+    const double overlap = dot3(x, y);
+    for (int a = 0; a < 3; a++) y[a] -= overlap * x[a];
+    sigma[1] = sqrt(dot3(y, y));
+    if (sigma[1] > 1e-14 * sigma[0]) {
+        for (int a = 0; a < 3; a++) y[a] /= sigma[1];
+    } else { /* a solid crushed to a line leaves no second direction: any one across the first will do */
+        const int k = fabs(x[0]) < 0.8 ? 1 : 0;
+        const double scale = 1.0 / sqrt(x[k] * x[k] + x[2] * x[2]), one = x[k], other = x[2];
+        y[0] = y[1] = y[2] = 0.0;
+        y[k] = other * scale, y[2] = -one * scale;
+    }
+    cross(x, y, z);
+    sigma[2] = 0.0;
+    for (int a = 0; a < 3; a++) {
+        sigma[2] += z[a] * dot3(F + 3 * a, p);
+        U[3 * a] = x[a], U[3 * a + 1] = y[a], U[3 * a + 2] = z[a];
+        V[3 * a] = W[i][a], V[3 * a + 1] = W[j][a], V[3 * a + 2] = p[a];
+    }
+}
+
+/* ---- Materials: energy density and first Piola-Kirchhoff stress P = dPsi/dF ----------------------------------------- */
+
+/* mu/2 (J^(-2/3) tr F'F - 3) + lambda/2 (J - 1)^2, infinite for J <= 0, without cancellation near rest: with H = F - 1,
+ * J - 1 = tr H + 1/2 ((tr H)^2 - tr H^2) + det H, and for y = J^(-1/3), y - 1 = -(J - 1) y^3 / (1 + y + y^2). */
+static inline double neo_hookean(const double *F, double mu, double lambda, double *P)
+{
+    const double a = F[0] - 1.0, b = F[4] - 1.0, c = F[8] - 1.0, trace = a + b + c;
+    const double H[9] = {a, F[1], F[2], F[3], b, F[5], F[6], F[7], c};
+    const double stretch = 2.0 * trace + squared(H), I1 = 3.0 + stretch;
+    const double minors = (a * b - F[1] * F[3]) + (a * c - F[2] * F[6]) + (b * c - F[5] * F[7]);
+    const double volume = trace + minors + determinant(H), y = inverse_cube_root(1.0 + volume);
+    const double less_one = -volume * (y * y * y) / (1.0 + y + y * y);
+    const double shape = 3.0 * (y + 1.0) * less_one + y * y * stretch;
+    const double shear = mu * y * y, pressure = lambda * volume - shear * I1 * (y * y * y) / 3.0;
+    double C[9];
+    cofactor(F, C);
+    for (int e = 0; e < 9; e++) P[e] = shear * F[e] + pressure * C[e];
+    const double density = 0.5 * mu * shape + 0.5 * lambda * volume * volume;
+    return volume > -1.0 ? density : (double)INFINITY;
+}
+
+/* Smith, de Goes and Kim 2018, Eq. 14, with their moduli of Sec. 3.4; zero at rest. */
+static inline double stable_neo_hookean(const double *F, double mu, double lambda, double *P)
+{
+    const double m = 4.0 * mu / 3.0, l = lambda + 5.0 * mu / 6.0, alpha = 1.0 + 0.75 * m / l;
+    const double I1 = squared(F), J = determinant(F);
+    const double by_I1 = 0.5 * m * (1.0 - 1.0 / (I1 + 1.0)), by_J = l * (J - alpha);
+    double C[9];
+    cofactor(F, C);
+    for (int e = 0; e < 9; e++) P[e] = 2.0 * by_I1 * F[e] + by_J * C[e];
+    /* written as differences from rest, where the terms themselves are large against what is left of them */
+    const double volumetric = (J - alpha) * (J - alpha) - (1.0 - alpha) * (1.0 - alpha);
+    return 0.5 * m * (I1 - 3.0 - log((I1 + 1.0) / 4.0)) + 0.5 * l * volumetric;
+}
+
+/* mu E:E + lambda/2 (tr E)^2 with E = (F'F - 1)/2 (Bonet and Wood 2008, Sec. 6.3). */
+static inline double st_venant_kirchhoff(const double *F, double mu, double lambda, double *P)
+{
+    double C[6];
+    gram(F, C);
+    const double e00 = 0.5 * (C[0] - 1.0), e11 = 0.5 * (C[1] - 1.0), e22 = 0.5 * (C[2] - 1.0);
+    const double trace = e00 + e11 + e22, m = 2.0 * mu, pressure = lambda * trace;
+    const double square = e00 * e00 + e11 * e11 + e22 * e22 + 0.5 * (C[3] * C[3] + C[4] * C[4] + C[5] * C[5]);
+    const double s0 = m * e00 + pressure, s1 = m * e11 + pressure, s2 = m * e22 + pressure;
+    const double s01 = mu * C[3], s02 = mu * C[4], s12 = mu * C[5];
+    for (int i = 0; i < 9; i += 3) {
+        P[i] = F[i] * s0 + F[i + 1] * s01 + F[i + 2] * s02;
+        P[i + 1] = F[i] * s01 + F[i + 1] * s1 + F[i + 2] * s12;
+        P[i + 2] = F[i] * s02 + F[i + 1] * s12 + F[i + 2] * s2;
+    }
+    return mu * square + 0.5 * lambda * trace * trace;
+}
+
+/* mu sum (sigma - 1)^2 + lambda/2 (J - 1)^2 with signed stretches (Stomakhin et al. 2012, Eq. 4); R = U V'. */
+static inline double fixed_corotated(const double *F, double mu, double lambda, double *P)
+{
+    double U[9], sigma[3], V[9], C[9], total = 0.0;
+    signed_svd(F, U, sigma, V);
+    const double J = determinant(F);
+    cofactor(F, C);
+    for (int i = 0; i < 3; i++) {
+        total += (sigma[i] - 1.0) * (sigma[i] - 1.0);
+        for (int j = 0; j < 3; j++) {
+            const int e = 3 * i + j;
+            P[e] = (2.0 * mu * F[e] - 2.0 * mu * dot3(U + 3 * i, V + 3 * j)) + lambda * (J - 1.0) * C[e];
+        }
+    }
+    return mu * total + 0.5 * lambda * (J - 1.0) * (J - 1.0);
+}
+
+/* mu e:e + lambda/2 (tr e)^2 with e = (F + F')/2 - 1. */
+static inline double linear_elastic(const double *F, double mu, double lambda, double *P)
+{
+    const double e00 = F[0] - 1.0, e11 = F[4] - 1.0, e22 = F[8] - 1.0;
+    const double e01 = 0.5 * (F[1] + F[3]), e02 = 0.5 * (F[2] + F[6]), e12 = 0.5 * (F[5] + F[7]);
+    const double trace = e00 + e11 + e22, m = 2.0 * mu, pressure = lambda * trace;
+    P[0] = m * e00 + pressure, P[4] = m * e11 + pressure, P[8] = m * e22 + pressure;
+    P[1] = P[3] = m * e01, P[2] = P[6] = m * e02, P[5] = P[7] = m * e12;
+    return mu * (e00 * e00 + e11 * e11 + e22 * e22 + 2.0 * (e01 * e01 + e02 * e02 + e12 * e12)) +
+           0.5 * lambda * trace * trace;
+}
+
+/* dPsi/dx, d2Psi/dx2 and d2Psi/dxdy at the stretches x, y, z; I1 = x^2 + y^2 + z^2 and J = xyz are handed in because
+ * every order rounds them differently. */
+static void slopes(int kind, double x, double y, double z, double I1, double J, double mu, double lambda, double *out)
+{
+    if (kind == NEO_HOOKEAN) {
+        /* |J|, so that the tangent is finite where a line search looks at an inverted state */
+        const double shear = mu * pow(fabs(J), -2.0 / 3.0), pressure = lambda * (J - 1.0), t = shear * I1 / 3.0;
+        out[0] = shear * x - t / x + pressure * y * z;
+        out[1] = -shear / 3.0 + 5.0 * t / (3.0 * x * x) + lambda * (y * z) * (y * z);
+        out[2] = -2.0 / 3.0 * shear * (x / y + y / x) + 2.0 * t / (3.0 * x * y) + (lambda * J + pressure) * z;
+    } else if (kind == STABLE_NEO_HOOKEAN) {
+        const double m = 4.0 * mu / 3.0, l = lambda + 5.0 * mu / 6.0, alpha = 1.0 + 0.75 * m / l;
+        const double by_I1 = 0.5 * m * (1.0 - 1.0 / (I1 + 1.0)), by_J = l * (J - alpha);
+        const double twice = 0.5 * m / ((I1 + 1.0) * (I1 + 1.0)), area = y * z;
+        out[0] = 2.0 * by_I1 * x + by_J * area;
+        out[1] = 2.0 * by_I1 + 4.0 * twice * x * x + l * area * area;
+        out[2] = 4.0 * twice * x * y + (l * J + by_J) * z;
+    } else if (kind == ST_VENANT_KIRCHHOFF) {
+        const double pressure = 0.5 * lambda * (I1 - 3.0);
+        out[0] = (mu * (x * x - 1.0) + pressure) * x;
+        out[1] = mu * (3.0 * x * x - 1.0) + pressure + lambda * x * x;
+        out[2] = lambda * x * y;
+    } else { /* FIXED_COROTATED */
+        const double pressure = lambda * (J - 1.0);
+        out[0] = 2.0 * mu * (x - 1.0) + pressure * y * z;
+        out[1] = 2.0 * mu + lambda * (y * z) * (y * z);
+        out[2] = (lambda * J + pressure) * z;
+    }
+}
+
+/* d2Psi/dX_pq^2 into *same and d2Psi/dX_pq dX_qp into *other, from the eigenvalues of twist and flip, clamped (Smith, de
+ * Goes and Kim 2019). mean, mixed: of d2Psi/dp2 and d2Psi/dq2, and d2Psi/dpdq. Where p and q meet, their difference is
+ * the limit of the flip's quotient; where p and -q meet, their sum is that of the twist's, if Psi(-p, -q) = Psi(p, q). */
+static void pair_tangent(double p, double q, double dp, double dq, double mean, double mixed, double *same,
+                         double *other)
+{
+    const double small = 1e-5 * (fabs(p) + fabs(q)), limit = mean + mixed;
+    double total = p + q, twist;
+    if (fabs(total) <= small && fabs(dp + dq) <= 2.0 * fabs(limit) * small) {
+        twist = limit;
+    } else {
+        /* a density such as the corotated one has no tangent where p = -q; a steep finite one stands for it */
+        if (fabs(total) < 1e-8) total = total >= 0.0 ? 1e-8 : -1e-8;
+        twist = (dp + dq) / total;
+    }
+    double flip = fabs(p - q) > small ? (dp - dq) / (p - q) : mean - mixed;
+    twist = fmax(twist, 0.0), flip = fmax(flip, 0.0);
+    *same = 0.5 * (flip + twist), *other = 0.5 * (flip - twist);
+}
+
+/* The tangent in the frame X = U' dF V where it is sparse: the stretch block D, and of the pairs 01, 02, 12 in O the
+ * d2Psi/dX_ij^2, then the d2Psi/dX_ij dX_ji. No eigenvalue is negative: a preconditioner must be positive. */
+static void clamped_tangent(int kind, const double *F, double mu, double lambda, double *U, double *V, double *D,
+                            double *O)
+{
+    if (kind == LINEAR) { /* constant, and no function of the stretches, so it stands in the frame of the axes */
+        for (int e = 0; e < 9; e++) U[e] = V[e] = e % 4 == 0;
+        for (int i = 0; i < 3; i++) D[i] = 2.0 * mu + lambda, D[3 + i] = lambda, O[i] = O[3 + i] = mu;
+        return;
+    }
+    double s[3], a[3], b[3], c[3], d[3], e[3];
+    signed_svd(F, U, s, V);
+    const double I1 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2], J = s[0] * s[1] * s[2];
+    slopes(kind, s[0], s[1], s[2], I1, J, mu, lambda, a);
+    slopes(kind, s[1], s[0], s[2], I1, J, mu, lambda, b);
+    slopes(kind, s[2], s[0], s[1], I1, J, mu, lambda, c);
+    slopes(kind, s[0], s[2], s[1], I1, J, mu, lambda, d);
+    slopes(kind, s[1], s[2], s[0], I1, J, mu, lambda, e);
+    D[0] = a[1], D[1] = b[1], D[2] = c[1], D[3] = a[2], D[4] = d[2], D[5] = e[2];
+    pair_tangent(s[0], s[1], a[0], b[0], 0.5 * (D[0] + D[1]), D[3], O, O + 3);
+    pair_tangent(s[0], s[2], a[0], c[0], 0.5 * (D[0] + D[2]), D[4], O + 1, O + 4);
+    pair_tangent(s[1], s[2], b[0], c[0], 0.5 * (D[1] + D[2]), D[5], O + 2, O + 5);
+    clamp_symmetric(D);
+}
+
+/* Overwrites the strains (9, points) from start to stop by w P; returns the energy. One loop for one material: a choice
+ * inside would keep the compiler from doing several points at once. */
+#define SUM_OF(name)                                                                                                   \
+    static double sum_##name(int start, int stop, int points, double *restrict strain, const double *restrict w,       \
+                             const double *restrict mu, const double *restrict lambda, double scale)                   \
+    {                                                                                                                  \
+        double total = 0.0;                                                                                            \
+        for (int s = start; s < stop; s++) {                                                                           \
+            double F[9], P[9];                                                                                         \
+            for (int e = 0; e < 9; e++) F[e] = strain[e * points + s] + (e % 4 == 0);                                  \
+            total += w[s] * name(F, scale * mu[s], scale * lambda[s], P);                                              \
+            for (int e = 0; e < 9; e++) strain[e * points + s] = w[s] * P[e];                                          \
+        }                                                                                                              \
+        return total;                                                                                                  \
+    }
+SUM_OF(neo_hookean)
+SUM_OF(stable_neo_hookean)
+SUM_OF(st_venant_kirchhoff)
+SUM_OF(fixed_corotated)
+SUM_OF(linear_elastic)
+
+/* ---- The model file ------------------------------------------------------------------------------------------------ */
+
+typedef struct {
+    int rows, columns;
+    const double *weights, *biases;
+} layer;
+
+/* Counts in the header, in the order of the file. */
+typedef struct {
+    uint32_t vertices, triangles, r, features, layers, width[MAX_LAYERS], activation, last_activated, skip, mapped,
+        points, full_inertia, supports, landmarks, condensed, supernodes, factor_rows, free_vertices, basis_bytes,
+        max_iterations;
+} counts;
+
+typedef struct {
+    double time_step, gravity[3], tolerance, mass, diagonal, stiffness, radius, reach, threshold, unused;
+} numbers;
+
+#define HEADER_SIZE 256
+#define NUMBERS_AT (HEADER_SIZE - sizeof(numbers))
+
+struct ldsim_model {
+    counts n;
+    numbers given;
+    uint64_t fingerprint, factor_values;
+    int r, m, points, width, hidden, moved; /* moved: 12 numbers a support */
+    layer layer[MAX_LAYERS];
+    /* all below point into bytes; a basis of float32 stands in basis32, one of float64 in basis64 */
+    const double *rest, *at_zero, *skip, *maps, *weights, *mu, *lambda, *inertia, *load, *unit_weight, *lifting,
+        *lifted_strain, *lifted_inertia, *landmarks, *sag, *rows, *tangents, *factor, *basis64;
+    const float *basis32;
+    const uint32_t *triangles, *movable, *kind, *order, *first, *row_start, *front_rows;
+    uint32_t largest_front;
+    uint64_t bytes[]; /* the file, aligned */
+};
+
+/* Walks through the arrays of a file, or only adds up their size where `at` is null. */
+typedef struct {
+    const unsigned char *at;
+    uint64_t size;
+} walk;
+
+static const void *next_array(walk *w, uint64_t count, size_t each)
+{
+    const unsigned char *found = w->at ? w->at + w->size : NULL;
+    w->size += (count * each + 7) & ~UINT64_C(7); /* every array begins at a multiple of 8 */
+    return found;
+}
+
+static void find_arrays(ldsim_model *M, walk *w)
+{
+    const counts *n = &M->n;
+    const uint64_t v = n->vertices, r = n->r, m = n->features, c = n->points, l = 12 * (uint64_t)n->supports;
+    const uint64_t condensed = n->condensed != 0;
+    M->rest = next_array(w, 3 * v, 8);
+    for (uint32_t i = 0; i < n->layers; i++) {
+        const uint64_t rows = i ? n->width[i - 1] : r;
+        M->layer[i].rows = (int)rows, M->layer[i].columns = (int)n->width[i];
+        M->layer[i].weights = next_array(w, rows * n->width[i], 8);
+        M->layer[i].biases = next_array(w, n->width[i], 8);
+    }
+    M->at_zero = next_array(w, n->layers ? n->width[n->layers - 1] : 0, 8);
+    M->skip = next_array(w, n->skip ? r * m : 0, 8);
+    M->maps = next_array(w, n->mapped * 9 * c, 8);
+    M->weights = next_array(w, c, 8);
+    M->mu = next_array(w, c, 8);
+    M->lambda = next_array(w, c, 8);
+    M->inertia = next_array(w, n->full_inertia ? m * m : m, 8);
+    M->load = next_array(w, m, 8);
+    M->unit_weight = next_array(w, 3 * m, 8);
+    M->lifting = next_array(w, 3 * v * l, 8);
+    M->lifted_strain = next_array(w, 9 * c * l, 8);
+    M->lifted_inertia = next_array(w, m * l, 8);
+    M->landmarks = next_array(w, n->landmarks * r, 8);
+    M->sag = next_array(w, condensed * 12 * v, 8);
+    M->rows = next_array(w, condensed * 3 * v * r, 8);
+    M->tangents = next_array(w, condensed * 3 * v * r, 8);
+    M->factor = next_array(w, M->factor_values, 8);
+    const void *basis = next_array(w, 3 * v * m, n->basis_bytes);
+    M->basis64 = n->basis_bytes == 8 ? basis : NULL;
+    M->basis32 = n->basis_bytes == 4 ? basis : NULL;
+    M->triangles = next_array(w, 3 * (uint64_t)n->triangles, 4);
+    M->movable = next_array(w, v, 4);
+    M->kind = next_array(w, c, 4);
+    M->order = next_array(w, n->free_vertices, 4);
+    M->first = next_array(w, condensed * (n->supernodes + UINT64_C(1)), 4);
+    M->row_start = next_array(w, condensed * (n->supernodes + UINT64_C(1)), 4);
+    M->front_rows = next_array(w, n->factor_rows, 4);
+}
+
+/* Two running sums of 64-bit words, of which the second tells their order (Fletcher 1982). */
+static void add_up(const uint64_t *words, size_t count, uint64_t sums[2])
+{
+    sums[0] = sums[1] = 0;
+    for (size_t i = 0; i < count; i++) sums[0] += words[i], sums[1] += sums[0];
+}
+
+/* Bounds so small that no product of three counts leaves 64 bits and no product of two an int. */
+static int counts_fit(const ldsim_model *M)
+{
+    const counts *n = &M->n;
+    const uint32_t last = n->layers && n->layers <= MAX_LAYERS ? n->width[n->layers - 1] : n->r;
+    int fine = n->vertices >= 1 && n->vertices < 1u << 26 && n->triangles < 1u << 27 && n->r >= 1 && n->r < 1u << 13;
+    fine &= n->features >= n->r && n->features < 1u << 13 && n->layers <= MAX_LAYERS && n->activation < ACTIVATIONS;
+    for (uint32_t i = 0; i < MAX_LAYERS; i++)
+        fine &= i < n->layers ? n->width[i] >= 1 && n->width[i] < 1u << 13 : n->width[i] == 0;
+    fine &= last <= n->features && (n->layers || (n->features == n->r && !n->skip && !n->last_activated));
+    fine &= n->last_activated <= 1 && n->skip <= 1 && n->full_inertia <= 1 && n->condensed <= 1;
+    fine &= n->mapped >= 1 && n->mapped <= n->features && n->points >= 1 && n->points < 1u << 20;
+    fine &= n->supports < 1u << 8 && n->landmarks < 1u << 20 && (n->basis_bytes == 8 || n->basis_bytes == 4);
+    fine &= n->max_iterations >= 1 && n->max_iterations < 1u << 20;
+    fine &= n->condensed ? n->supernodes >= 1 && n->supernodes < 1u << 26 && n->factor_rows < 1u << 31 &&
+                               n->free_vertices <= n->vertices && M->factor_values < UINT64_C(1) << 40 && !n->supports
+                         : !n->supernodes && !n->factor_rows && !n->free_vertices && !M->factor_values;
+    return fine;
+}
+
+static int all_below(const uint32_t *x, uint64_t count, uint32_t bound)
+{
+    int fine = 1;
+    for (uint64_t i = 0; i < count; i++) fine &= x[i] < bound;
+    return fine;
+}
+
+static int all_positive(const double *x, uint64_t count)
+{
+    int fine = 1;
+    for (uint64_t i = 0; i < count; i++) fine &= x[i] > 0.0;
+    return fine;
+}
+
+/* The structure of the sparse factor: supernodes one after another, rows ascending below them, values that fit. */
+static int factor_fits(ldsim_model *M)
+{
+    const counts *n = &M->n;
+    if (!n->condensed) return 1;
+    if (M->first[0] != 0 || M->row_start[0] != 0) return 0;
+    if (M->first[n->supernodes] != n->free_vertices || M->row_start[n->supernodes] != n->factor_rows) return 0;
+    uint64_t values = 0;
+    for (uint32_t s = 0; s < n->supernodes; s++) {
+        if (M->first[s + 1] <= M->first[s] || M->first[s + 1] > n->free_vertices) return 0;
+        if (M->row_start[s + 1] < M->row_start[s] || M->row_start[s + 1] > n->factor_rows) return 0;
+        const uint64_t columns = M->first[s + 1] - M->first[s], rows = M->row_start[s + 1] - M->row_start[s];
+        values += 9 * columns * (columns + rows);
+        if (columns + rows > M->largest_front) M->largest_front = (uint32_t)(columns + rows);
+        for (uint32_t i = M->row_start[s]; i < M->row_start[s + 1]; i++) {
+            const uint32_t before = i > M->row_start[s] ? M->front_rows[i - 1] + 1 : M->first[s + 1];
+            if (M->front_rows[i] < before || M->front_rows[i] >= n->free_vertices) return 0;
+        }
+    }
+    return values == M->factor_values;
+}
+
+static int check_model(ldsim_model *M)
+{
+    const counts *n = &M->n;
+    const numbers *x = &M->given;
+    const unsigned char *bytes = (const unsigned char *)M->bytes;
+    const size_t floats = (size_t)((const unsigned char *)M->triangles - bytes);
+    if (!all_finite((const double *)(const void *)(bytes + NUMBERS_AT), sizeof *x / 8)) return LDSIM_NOT_FINITE;
+    if (M->basis64) {
+        if (!all_finite(M->rest, (floats - HEADER_SIZE) / 8)) return LDSIM_NOT_FINITE;
+    } else {
+        if (!all_finite(M->rest, (size_t)((const double *)(const void *)M->basis32 - M->rest))) return LDSIM_NOT_FINITE;
+        for (uint64_t i = 0; i < 3 * (uint64_t)n->vertices * n->features; i++)
+            if (!finite_number(M->basis32[i])) return LDSIM_NOT_FINITE;
+    }
+    const double positive[] = {x->time_step, x->tolerance, x->mass, x->diagonal, x->stiffness, x->radius};
+    if (!all_positive(positive, 6) || (n->landmarks && !(x->reach > 0.0)) || x->threshold < 0.0) return LDSIM_BAD_VALUE;
+    if (!all_positive(M->weights, n->points) || !all_positive(M->mu, n->points)) return LDSIM_BAD_VALUE;
+    if (!all_below(M->triangles, 3 * (uint64_t)n->triangles, n->vertices) || !all_below(M->movable, n->vertices, 2) ||
+        !all_below(M->kind, n->points, MATERIALS) || !all_below(M->order, n->free_vertices, n->vertices) ||
+        !factor_fits(M))
+        return LDSIM_BAD_INDEX;
+    return LDSIM_OK;
+}
+
+int ldsim_load(const void *given, size_t size, ldsim_model **model)
+{
+    static const unsigned char magic[8] = {'L', 'D', 'S', 'I', 'M', '\r', '\n', 0x1A};
+    const uint32_t one = 1;
+    ldsim_model head, *M;
+    uint64_t sums[2], told[4];
+    uint32_t version[2];
+    if (!given || !model) return LDSIM_BAD_ARGUMENT;
+    *model = NULL;
+    if (*(const unsigned char *)&one != 1) return LDSIM_BIG_ENDIAN;
+    if (size < 8 || memcmp(given, magic, 8) != 0) return LDSIM_NOT_A_MODEL;
+    if (size < HEADER_SIZE || size % 8) return LDSIM_WRONG_SIZE;
+    const unsigned char *bytes = given;
+    memcpy(version, bytes + 8, 8);
+    memcpy(told, bytes + 16, 32); /* size, the two sums, numbers of the factor */
+    if (version[0] != LDSIM_FILE_VERSION || version[1] != HEADER_SIZE) return LDSIM_OTHER_VERSION;
+    if (told[0] != size) return LDSIM_WRONG_SIZE;
+    memset(&head, 0, sizeof head);
+    head.factor_values = told[3];
+    memcpy(&head.n, bytes + 48, sizeof head.n);
+    if (!counts_fit(&head)) return LDSIM_BAD_SIZES;
+    walk w = {NULL, HEADER_SIZE};
+    find_arrays(&head, &w);
+    if (w.size != size) return LDSIM_BAD_SIZES;
+    M = malloc(sizeof *M + size);
+    if (!M) return LDSIM_NO_MEMORY;
+    *M = head;
+    memcpy(M->bytes, given, size);
+    memcpy(&M->given, (unsigned char *)M->bytes + NUMBERS_AT, sizeof M->given);
+    add_up(M->bytes + 5, size / 8 - 5, sums);
+    w.at = (const unsigned char *)M->bytes, w.size = HEADER_SIZE;
+    find_arrays(M, &w);
+    M->fingerprint = sums[0] ^ (sums[1] << 1);
+    M->r = (int)M->n.r, M->m = (int)M->n.features, M->points = (int)M->n.points, M->moved = 12 * (int)M->n.supports;
+    for (uint32_t i = 0; i < M->n.layers; i++) M->hidden += (int)M->n.width[i], M->width = (int)M->n.width[i];
+    const int code = sums[0] != told[1] || sums[1] != told[2] ? LDSIM_DAMAGED : check_model(M);
+    if (code != LDSIM_OK) {
+        free(M);
+        return code;
+    }
+    *model = M;
+    return LDSIM_OK;
+}
+
+int ldsim_load_file(const char *path, ldsim_model **model)
+{
+    if (!path || !model) return LDSIM_BAD_ARGUMENT;
+    *model = NULL;
+    FILE *file = fopen(path, "rb");
+    if (!file) return LDSIM_NO_FILE;
+    long size = fseek(file, 0, SEEK_END) ? -1 : ftell(file);
+    void *bytes = size > 0 && !fseek(file, 0, SEEK_SET) ? malloc((size_t)size) : NULL;
+    int code = size < 0 ? LDSIM_NO_FILE : size == 0 ? LDSIM_NOT_A_MODEL : LDSIM_NO_MEMORY;
+    if (bytes) code = fread(bytes, 1, (size_t)size, file) == (size_t)size ? LDSIM_OK : LDSIM_NO_FILE;
+    fclose(file);
+    if (code == LDSIM_OK) code = ldsim_load(bytes, (size_t)size, model);
+    free(bytes);
+    return code;
+}
+
+void ldsim_free(ldsim_model *model) { free(model); }
+
+void ldsim_describe(const ldsim_model *M, ldsim_info *info)
+{
+    const counts *n = &M->n;
+    const numbers *x = &M->given;
+    const ldsim_info found = {n->vertices,  n->triangles,      n->r,         n->features,
+                              n->points,    n->supports,       n->condensed != 0, x->time_step,
+                              {x->gravity[0], x->gravity[1], x->gravity[2]}, x->diagonal, x->stiffness, x->radius};
+    *info = found;
+}
+
+const double *ldsim_rest(const ldsim_model *M) { return M->rest; }
+
+const uint32_t *ldsim_triangles(const ldsim_model *M) { return M->triangles; }
+
+/* ---- The decoder: f(z) = N(z) - N(0) + A z, the identity where there are no layers ----------------------------------- */
+
+/* e^x - 1 for x < 0 to 2 units in the last place, without a branch, for vectors: e^x = 2^n e^f with |f| <= 1/2 ln 2, the
+ * latter by its Taylor series; n is rounded by adding 1.5 * 2^52, and 2^n made from bits. */
+static void elu(double *x, int count)
+{
+    const double rounder = 6755399441055744.0;
+    for (int i = 0; i < count; i++) {
+        const double v = x[i];
+        double y = v < 0.0 ? v : 0.0, power;
+        y = y > -700.0 ? y : -700.0;
+        const double shifted = y * 1.4426950408889634074 + rounder, n = shifted - rounder;
+        const double f = (y - n * 6.93147180369123816490e-01) - n * 1.90821492927058770002e-10;
+        double p = 1.0 / 6227020800.0;
+        p = p * f + 1.0 / 479001600.0;
+        p = p * f + 1.0 / 39916800.0;
+        p = p * f + 1.0 / 3628800.0;
+        p = p * f + 1.0 / 362880.0;
+        p = p * f + 1.0 / 40320.0;
+        p = p * f + 1.0 / 5040.0;
+        p = p * f + 1.0 / 720.0;
+        p = p * f + 1.0 / 120.0;
+        p = p * f + 1.0 / 24.0;
+        p = p * f + 1.0 / 6.0;
+        p = p * f + 0.5;
+        p = p * f * f + f;
+        uint64_t bits;
+        memcpy(&bits, &shifted, sizeof bits);
+        bits = (bits + 1023) << 52;
+        memcpy(&power, &bits, sizeof power);
+        x[i] = v <= 0.0 ? power * p + (power - 1.0) : v;
+    }
+}
+
+static void activate(uint32_t kind, double *x, int n)
+{
+    if (kind == ELU) elu(x, n);
+    else if (kind == RELU) for (int i = 0; i < n; i++) x[i] = fmax(x[i], 0.0);
+    else if (kind == TANH) for (int i = 0; i < n; i++) x[i] = tanh(x[i]);
+    else for (int i = 0; i < n; i++) x[i] = 0.5 + 0.5 * tanh(0.5 * x[i]);
+}
+
+/* The activation's derivative in terms of its value. */
+static double slope(uint32_t kind, double y)
+{
+    if (kind == ELU) return y > 0.0 ? 1.0 : y + 1.0;
+    if (kind == RELU) return y > 0.0;
+    if (kind == TANH) return 1.0 - y * y;
+    return y * (1.0 - y);
+}
+
+static int is_activated(const ldsim_model *M, uint32_t i) { return i + 1 < M->n.layers || M->n.last_activated; }
+
+/* Values of all layers are kept in hidden, for the derivatives follow from them. */
+static void decode(const ldsim_model *M, const double *z, double *hidden, double *f)
+{
+    if (M->n.layers == 0) {
+        copy(f, z, M->r);
+        return;
+    }
+    const double *x = z;
+    double *out = hidden;
+    for (uint32_t i = 0; i < M->n.layers; i++) {
+        const layer *l = M->layer + i;
+        copy(out, l->biases, l->columns);
+        add_transposed(l->weights, x, out, l->rows, l->columns);
+        if (is_activated(M, i)) activate(M->n.activation, out, l->columns);
+        x = out, out += l->columns;
+    }
+    for (int j = 0; j < M->width; j++) f[j] = x[j] - M->at_zero[j];
+    zero(f + M->width, M->m - M->width);
+    if (M->n.skip) add_transposed(M->skip, z, f, M->r, M->m);
+}
+
+/* gradient = J' v at the z that was decoded last; scratch is as long as hidden. */
+static void decode_vjp(const ldsim_model *M, const double *hidden, const double *v, double *scratch, double *gradient)
+{
+    if (M->n.layers == 0) {
+        copy(gradient, v, M->r);
+        return;
+    }
+    const double *y = hidden + M->hidden, *incoming = v;
+    for (uint32_t i = M->n.layers; i-- > 0;) {
+        const layer *l = M->layer + i;
+        y -= l->columns;
+        if (is_activated(M, i)) {
+            for (int j = 0; j < l->columns; j++) scratch[j] = incoming[j] * slope(M->n.activation, y[j]);
+            incoming = scratch, scratch += l->columns;
+        }
+        double *out = i ? scratch : gradient;
+        zero(out, l->rows);
+        add_product(l->weights, incoming, out, l->rows, l->columns);
+        incoming = out;
+        if (i) scratch += l->rows;
+    }
+    if (M->n.skip) add_product(M->skip, v, gradient, M->r, M->m);
+}
+
+/* jacobian (r, m) = J' at the z that was decoded last, a tangent a row. */
+static void decode_jacobian(const ldsim_model *M, const double *hidden, double *scratch, double *jacobian)
+{
+    for (int a = 0; a < M->r; a++) {
+        double *row = jacobian + (size_t)a * M->m, *out = scratch;
+        zero(row, M->m);
+        if (M->n.layers == 0) {
+            row[a] = 1.0;
+            continue;
+        }
+        const double *y = hidden, *x = NULL;
+        for (uint32_t i = 0; i < M->n.layers; i++) {
+            const layer *l = M->layer + i;
+            if (i == 0) { /* the tangents along the unit vectors are the rows of the first layer */
+                copy(out, l->weights + (size_t)a * l->columns, l->columns);
+            } else {
+                zero(out, l->columns);
+                add_transposed(l->weights, x, out, l->rows, l->columns);
+            }
+            if (is_activated(M, i))
+                for (int j = 0; j < l->columns; j++) out[j] *= slope(M->n.activation, y[j]);
+            x = out, out += l->columns, y += l->columns;
+        }
+        copy(row, x, M->width);
+        if (M->n.skip)
+            for (int j = 0; j < M->m; j++) row[j] += M->skip[(size_t)a * M->m + j];
+    }
+}
+
+/* ---- A solid ------------------------------------------------------------------------------------------------------- */
+
+/* All that a step makes and the next one starts from. The arrays lie one after another, the first one at z. */
+typedef struct {
+    double *z, *z_before, *guess; /* (r,) */
+    double *f, *f_before;         /* (m,) */
+    double *H;                    /* (r, r), an estimate of the inverse Hessian */
+    double *a, *a_before;         /* (moved,), where moved pins were in the last two frames */
+    double gravity[3];            /* that acted in the last step */
+    int32_t usable;               /* whether H was made; otherwise the next step makes it */
+    int32_t fresh, excess;        /* iterations of the step that made H, and those beyond them since */
+    uint32_t held[LDSIM_MAX_GRABS]; /* the grabs that H includes, 0 after the last */
+} moment;
+
+typedef struct {
+    uint32_t id, count; /* 0: free */
+    double target[3], stiffness;
+    double force[3];     /* of a condensed model: on the solid in the last step */
+    double centre[3];    /* centroid of the held vertices at rest */
+    double sag[12];      /* and what weight and dead loads move it, of a condensed model */
+    uint32_t *vertices;  /* room for all */
+    double *B, *lifted;  /* (3, m) and (3, moved): how features and moved pins move the centroid */
+    double *field;       /* (n, 3, 3): what a unit force on it moves, of a condensed model */
+} grab;
+
+struct ldsim_solid {
+    const ldsim_model *model;
+    int max_grabs;
+    uint32_t next_id;
+    double gravity[3], scale;
+    moment now, first, second, start; /* the state, two tries at the next one, and what a second try starts from */
+    size_t moment_size;               /* numbers of one */
+    double *pins;                     /* (moved,), where pins are from now on */
+    grab grabs[LDSIM_MAX_GRABS];
+    /* compliance[i][j]: what a unit force on grab j moves the centroid of grab i, (3, 3), of a condensed model */
+    double *compliance;
+    int renewed_springs; /* whether the springs below are those of the grabs */
+    /* what a step reads: g springs in the order in which they were taken */
+    int g, order[LDSIM_MAX_GRABS];
+    double *B, *centre, *target, *stiffness, *root;
+    double *force, *lifted; /* load and weight, (m,); strain of moved pins, (9, points) */
+    /* scratch memory */
+    double *hidden, *scratch, *predictor, *offset, *pull, *strain, *gradient, *gradient_new, *direction, *z_new,
+        *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *solve;
+    double *positions;
+};
+
+/* ---- The potential --------------------------------------------------------------------------------------------------- */
+
+/* strain (9, points) = G f, with what moved pins add. */
+static void strains(ldsim_solid *S, const double *f)
+{
+    const ldsim_model *M = S->model;
+    if (M->moved) copy(S->strain, S->lifted, 9 * M->points);
+    else zero(S->strain, 9 * M->points);
+    add_transposed(M->maps, f, S->strain, (int)M->n.mapped, 9 * M->points);
+}
+
+/* Overwrites the strains by w P; the energy, infinite where one density is. */
+static double weighted_stresses(ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    double total = 0.0;
+    for (int start = 0, stop = 0; stop < M->points; start = stop) {
+        while (stop < M->points && M->kind[stop] == M->kind[start]) stop++;
+        double (*sum)(int, int, int, double *restrict, const double *restrict, const double *restrict,
+                      const double *restrict, double) = sum_linear_elastic;
+        switch (M->kind[start]) {
+        case NEO_HOOKEAN: sum = sum_neo_hookean; break;
+        case STABLE_NEO_HOOKEAN: sum = sum_stable_neo_hookean; break;
+        case ST_VENANT_KIRCHHOFF: sum = sum_st_venant_kirchhoff; break;
+        case FIXED_COROTATED: sum = sum_fixed_corotated; break;
+        }
+        total += sum(start, stop, M->points, S->strain, M->weights, M->mu, M->lambda, S->scale);
+    }
+    return total < INFINITY ? total : (double)INFINITY; /* NaN, as of a density of infinity less infinity, is neither */
+}
+
+/* E(z) in J and its gradient in N; f(z) is left in f. An infinite value is only backed away from: it has no gradient. */
+static double value_gradient(ldsim_solid *S, const double *z, double *f, double *gradient)
+{
+    const ldsim_model *M = S->model;
+    const int m = M->m;
+    double value = 0.0;
+    decode(M, z, S->hidden, f);
+    for (int j = 0; j < m; j++) S->offset[j] = f[j] - S->predictor[j];
+    for (int j = 0; j < m; j++) {
+        /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
+        const double momentum =
+            M->n.full_inertia ? dot(M->inertia + (size_t)j * m, S->offset, m) : M->inertia[j] * S->offset[j];
+        S->pull[j] = momentum - S->force[j];
+        value += 0.5 * S->offset[j] * momentum - S->force[j] * f[j];
+    }
+    for (int i = 0; i < 3 * S->g; i++) {
+        const double *row = S->B + (size_t)i * m, k = S->stiffness[i / 3];
+        const double stretch = S->centre[i] - S->target[i] + dot(row, f, m);
+        value += 0.5 * k * stretch * stretch;
+        for (int j = 0; j < m; j++) S->pull[j] += k * stretch * row[j];
+    }
+    strains(S, f);
+    value += weighted_stresses(S);
+    if (!(value < INFINITY)) return INFINITY;
+    add_product(M->maps, S->strain, S->pull, (int)M->n.mapped, 9 * M->points);
+    decode_vjp(M, S->hidden, S->pull, S->scratch, gradient);
+    return value;
+}
+
+/* ---- Its tangent, for the preconditioner --------------------------------------------------------------------------- */
+
+/* Point s of every direction into the frame of the singular vectors, X = U' X V, and T = w times the tangent applied to
+ * it; `many` points lie in a row of X and T. */
+static void stress_directions(ldsim_solid *S, int s, int at, int many)
+{
+    static const int upper[3] = {1, 2, 5}, lower[3] = {3, 6, 7};
+    const ldsim_model *M = S->model;
+    double F[9], U[9], V[9], D[6], O[6], x[9];
+    for (int e = 0; e < 9; e++) F[e] = S->strain[e * M->points + s] + (e % 4 == 0);
+    clamped_tangent((int)M->kind[s], F, S->scale * M->mu[s], S->scale * M->lambda[s], U, V, D, O);
+    const double w = M->weights[s];
+    for (int a = 0; a < M->r; a++) {
+        double *X = S->turned + (size_t)a * 9 * many + at, *T = S->stressed + (size_t)a * 9 * many + at;
+        for (int p = 0; p < 3; p++) {
+            double row[3];
+            for (int j = 0; j < 3; j++)
+                row[j] = U[p] * X[j * many] + U[3 + p] * X[(3 + j) * many] + U[6 + p] * X[(6 + j) * many];
+            for (int j = 0; j < 3; j++) x[3 * p + j] = row[0] * V[j] + row[1] * V[3 + j] + row[2] * V[6 + j];
+        }
+        for (int e = 0; e < 9; e++) X[e * many] = x[e];
+        T[0] = w * (D[0] * x[0] + D[3] * x[4] + D[4] * x[8]);
+        T[4 * many] = w * (D[3] * x[0] + D[1] * x[4] + D[5] * x[8]);
+        T[8 * many] = w * (D[4] * x[0] + D[5] * x[4] + D[2] * x[8]);
+        for (int i = 0; i < 3; i++) {
+            T[upper[i] * many] = w * (O[i] * x[upper[i]] + O[3 + i] * x[lower[i]]);
+            T[lower[i] * many] = w * (O[i] * x[lower[i]] + O[3 + i] * x[upper[i]]);
+        }
+    }
+}
+
+/* hessian (r, r) = J' (I + sum w G' d2Psi/dF2 G + sum k B'B) J at z, clamped at every point. */
+static void tangent_at(ldsim_solid *S, const double *z, double *f)
+{
+    const ldsim_model *M = S->model;
+    const int r = M->r, m = M->m, c = M->points;
+    double *J = S->jacobian, *H = S->hessian;
+    decode(M, z, S->hidden, f);
+    decode_jacobian(M, S->hidden, S->scratch, J);
+    for (int a = 0; a < r; a++) {
+        const double *row = J + (size_t)a * m;
+        for (int j = 0; j < m; j++)
+            S->product[j] = M->n.full_inertia ? dot(M->inertia + (size_t)j * m, row, m) : M->inertia[j] * row[j];
+        for (int b = 0; b <= a; b++) H[a * r + b] = dot(S->product, J + (size_t)b * m, m);
+    }
+    strains(S, f);
+    for (int start = 0; start < c; start += POINTS_AT_ONCE) {
+        const int many = c - start < POINTS_AT_ONCE ? c - start : POINTS_AT_ONCE;
+        zero(S->turned, (size_t)r * 9 * many);
+        for (int a = 0; a < r; a++)
+            for (int j = 0; j < (int)M->n.mapped; j++) {
+                const double x = J[(size_t)a * m + j];
+                if (x == 0.0) continue; /* in a linear space nearly all are */
+                for (int e = 0; e < 9; e++) {
+                    const double *G = M->maps + ((size_t)j * 9 + e) * c + start;
+                    double *X = S->turned + ((size_t)a * 9 + e) * many;
+                    for (int s = 0; s < many; s++) X[s] += x * G[s];
+                }
+            }
+        for (int s = 0; s < many; s++) stress_directions(S, start + s, s, many);
+        for (int a = 0; a < r; a++)
+            for (int b = 0; b <= a; b++)
+                H[a * r + b] += dot(S->stressed + (size_t)a * 9 * many, S->turned + (size_t)b * 9 * many, 9 * many);
+    }
+    for (int i = 0; i < 3 * S->g; i++) {
+        zero(S->direction, r); /* free until the direction is made */
+        add_product(J, S->B + (size_t)i * m, S->direction, r, m);
+        for (int a = 0; a < r; a++)
+            for (int b = 0; b <= a; b++)
+                H[a * r + b] += S->stiffness[i / 3] * S->direction[a] * S->direction[b];
+    }
+    for (int a = 0; a < r; a++)
+        for (int b = 0; b < a; b++) H[b * r + a] = H[a * r + b];
+}
+
+/* ---- The minimiser: BFGS whose inverse Hessian goes on from step to step (Nocedal and Wright 2006, Eq. 6.17) ----------- */
+
+#define ARMIJO 1e-4
+#define ROUNDOFF 1e-10 /* values closer than this share are told apart by their slopes: large terms in them cancel */
+#define MAX_BACKTRACKS 40
+#define RENEWAL 25      /* iterations after which a step gives its preconditioner up */
+#define RENEWAL_COST 30 /* iterations that making one anew costs */
+
+/* Sufficient decrease, or its form in the slopes where the values differ only by rounding (Hager and Zhang 2005, Eq.
+ * 4.1), where the slope must also have risen by a tenth, so that steps of rounding size are not accepted without end. */
+static int accepts(double f0, double slope0, double step, double f, double slope)
+{
+    if (!(f < INFINITY)) return 0;
+    if (fabs(f - f0) <= ROUNDOFF * fabs(f0)) return 0.9 * slope0 <= slope && slope <= -0.8 * slope0;
+    return f <= f0 + ARMIJO * step * slope0;
+}
+
+/* The step to try after one that was not accepted: where the values tell, the minimiser of the parabola through both and
+ * the first slope; where they differ only by rounding, the root of the secant through both slopes. */
+static double next_step(double f0, double slope0, double step, double f, double slope)
+{
+    if (!(f < INFINITY)) return 0.25 * step;
+    if (fabs(f - f0) <= ROUNDOFF * fabs(f0))
+        return slope > slope0 ? step * fmin(fmax(slope0 / fmin(slope0 - slope, -1e-300), 0.1), 10.0) : 10.0 * step;
+    const double curvature = f - f0 - slope0 * step;
+    if (curvature <= 0.0) return 0.5 * step;
+    return fmin(fmax(-0.5 * slope0 * step * step / curvature, 0.1 * step), 0.5 * step);
+}
+
+typedef struct {
+    int iterations, evaluations;
+    ldsim_reason reason;
+    double value, norm;
+} solution;
+
+/* Line search from z along the direction; whether it succeeded, with the value at z_new in *f. */
+static int search(ldsim_solid *S, const double *z, double *features, double *f, double slope0, int *evaluations)
+{
+    const int r = S->model->r;
+    double length = 1.0;
+    for (int tried = 1; tried <= MAX_BACKTRACKS; tried++) {
+        for (int i = 0; i < r; i++) S->z_new[i] = z[i] + length * S->direction[i];
+        const double f_new = value_gradient(S, S->z_new, features, S->gradient_new);
+        const double slope_new = f_new < INFINITY ? dot(S->gradient_new, S->direction, r) : (double)INFINITY;
+        ++*evaluations;
+        if (accepts(*f, slope0, length, f_new, slope_new)) {
+            *f = f_new;
+            return 1;
+        }
+        length = next_step(*f, slope0, length, f_new, slope_new);
+        /* a shorter step would not change z any more */
+        if (length * norm(S->direction, r) <= DBL_EPSILON * norm(z, r)) return 0;
+    }
+    return 0;
+}
+
+/* H <- (1 - s y'/sy) H (1 - y s'/sy) + s s'/sy, if the curvature sy of the last pair is safely positive. */
+static void update(ldsim_solid *S, const double *z, double *H)
+{
+    const int r = S->model->r;
+    double *s = S->s, *y = S->y, *Hy = S->Hy;
+    for (int i = 0; i < r; i++) s[i] = S->z_new[i] - z[i], y[i] = S->gradient_new[i] - S->gradient[i];
+    const double sy = dot(s, y, r);
+    if (!(sy > 1e-14 * sqrt(dot(s, s, r) * dot(y, y, r)))) return;
+    zero(Hy, r);
+    add_product(H, y, Hy, r, r);
+    /* expanded into two outer products, so that H is read and written once */
+    const double scale = (1.0 + dot(y, Hy, r) / sy) / sy;
+    for (int i = 0; i < r; i++) {
+        const double a = scale * s[i] - Hy[i] / sy, b = s[i] / sy;
+        for (int j = 0; j < r; j++) H[i * r + j] += a * s[j] - b * Hy[j];
+    }
+}
+
+/* Minimises E from the guess, or from z where that has infinite energy. z: z_n, then z_(n+1), whose features are left in
+ * f. H is renewed at once where `renew` says so. z is never left at a point of infinite energy unless it was there. */
+static solution minimise(ldsim_solid *S, const double *guess, double *z, double *f, double *H, int renew)
+{
+    const ldsim_model *M = S->model;
+    const int r = M->r;
+    solution found = {0, 1, LDSIM_CONVERGED, 0.0, INFINITY};
+    int renewed_at = -1;
+    found.value = value_gradient(S, guess, f, S->gradient);
+    if (found.value < INFINITY) {
+        copy(z, guess, r);
+    } else {
+        found.value = value_gradient(S, z, f, S->gradient);
+        found.evaluations++;
+    }
+    if (!(found.value < INFINITY)) {
+        found.reason = LDSIM_INFINITE_START;
+        return found;
+    }
+    for (; found.iterations < (int)M->n.max_iterations; found.iterations++) {
+        found.norm = norm(S->gradient, r);
+        if (found.norm <= M->given.tolerance * fmax(norm(z, r), 1.0)) return found;
+        if (renew || found.iterations - (renewed_at > 0 ? renewed_at : 0) >= RENEWAL) {
+            tangent_at(S, z, f);
+            invert(S->hessian, H, r); /* kept as it is where the tangent has no factor */
+            renew = 0, renewed_at = found.iterations;
+        }
+        for (int i = 0; i < r; i++) S->Hy[i] = -S->gradient[i];
+        zero(S->direction, r);
+        add_product(H, S->Hy, S->direction, r, r);
+        const double slope0 = dot(S->gradient, S->direction, r);
+        if (!(slope0 < 0.0 && search(S, z, f, &found.value, slope0, &found.evaluations))) {
+            /* with a fresh preconditioner there is nothing better to try; with an old one, that */
+            if (renewed_at == found.iterations) {
+                decode(M, z, S->hidden, f);
+                found.reason = LDSIM_NO_DECREASE;
+                return found;
+            }
+            renew = 1;
+            continue;
+        }
+        update(S, z, H);
+        copy(z, S->z_new, r);
+        copy(S->gradient, S->gradient_new, r);
+    }
+    found.norm = norm(S->gradient, r), found.reason = LDSIM_ITERATIONS_SPENT;
+    return found;
+}
+
+/* ---- Compliance: what a force moves beside the coordinates of a condensed model ---------------------------------------- */
+
+/* x = K^-1 f less what the coordinates carry, (3 n,) both; f is zero at pins, and free memory afterwards. */
+static void residual(ldsim_solid *S, double *f, double *x)
+{
+    const ldsim_model *M = S->model;
+    const size_t n3 = 3 * (size_t)M->n.vertices;
+    double *packed = S->solve, *work = packed + 3 * (size_t)M->n.free_vertices;
+    for (uint32_t i = 0; i < M->n.free_vertices; i++) copy(packed + 3 * (size_t)i, f + 3 * (size_t)M->order[i], 3);
+    /* Down the supernodes with L, up again with L'. Of each, the inverse of its triangle stands column by column before
+     * the block of the rows below it. */
+    const double *values = M->factor;
+    for (uint32_t s = 0; s < M->n.supernodes; s++) {
+        const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
+        double *y = packed + 3 * (size_t)M->first[s];
+        zero(work, (size_t)c + r);
+        add_transposed(values, y, work, c, c);
+        copy(y, work, c);
+        add_transposed(values + (size_t)c * c, y, work + c, c, r);
+        for (int i = 0; i < r; i++) packed[3 * (size_t)M->front_rows[M->row_start[s] + i / 3] + i % 3] -= work[c + i];
+        values += (size_t)c * (c + r);
+    }
+    for (uint32_t s = M->n.supernodes; s-- > 0;) {
+        const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
+        double *y = packed + 3 * (size_t)M->first[s];
+        values -= (size_t)c * (c + r);
+        for (int i = 0; i < r; i++) work[c + i] = packed[3 * (size_t)M->front_rows[M->row_start[s] + i / 3] + i % 3];
+        zero(work, c);
+        add_product(values + (size_t)c * c, work + c, work, c, r);
+        for (int i = 0; i < c; i++) y[i] -= work[i];
+        zero(work, c);
+        add_product(values, y, work, c, c);
+        copy(y, work, c);
+    }
+    zero(x, n3);
+    for (uint32_t i = 0; i < M->n.free_vertices; i++) copy(x + 3 * (size_t)M->order[i], packed + 3 * (size_t)i, 3);
+    for (int a = 0; a < M->r; a++) S->Hy[a] = -dot(M->rows + (size_t)a * n3, x, (int)n3);
+    add_transposed(M->tangents, S->Hy, x, M->r, (int)n3);
+}
+
+/* out (3, 3) += the mean over the vertices of one grab of the field of another. */
+static void mean_field(const double *field, const grab *of, double *out)
+{
+    for (uint32_t i = 0; i < of->count; i++)
+        for (int e = 0; e < 9; e++) out[e] += field[9 * (size_t)of->vertices[i] + e] / of->count;
+}
+
+static double *pair_of(const ldsim_solid *S, int i, int j) { return S->compliance + 9 * ((size_t)i * S->max_grabs + j); }
+
+/* What a unit force along each axis of grab i moves: everywhere, and the centroids of all grabs. */
+static void find_field(ldsim_solid *S, int i)
+{
+    const ldsim_model *M = S->model;
+    const uint32_t n = M->n.vertices;
+    grab *own = S->grabs + i;
+    for (int axis = 0; axis < 3; axis++) {
+        double *f = S->positions, *x = S->solve + 3 * ((size_t)M->n.free_vertices + M->largest_front);
+        zero(f, 3 * (size_t)n);
+        for (uint32_t j = 0; j < own->count; j++)
+            if (M->movable[own->vertices[j]]) f[3 * (size_t)own->vertices[j] + axis] = 1.0 / own->count;
+        residual(S, f, x);
+        for (size_t e = 0; e < 3 * (size_t)n; e++) own->field[3 * e + axis] = x[e];
+    }
+    for (int j = 0; j < S->max_grabs; j++) {
+        if (S->grabs[j].id == 0) continue;
+        double *ij = pair_of(S, i, j), *ji = pair_of(S, j, i);
+        zero(ji, 9);
+        mean_field(own->field, S->grabs + j, ji);
+        if (j == i) continue;
+        zero(ij, 9);
+        mean_field(S->grabs[j].field, own, ij);
+    }
+}
+
+/* ---- Grabs ----------------------------------------------------------------------------------------------------------- */
+
+static double basis_entry(const ldsim_model *M, size_t i) { return M->basis64 ? M->basis64[i] : M->basis32[i]; }
+
+/* u (3,) of one vertex in the present state. */
+static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
+{
+    const ldsim_model *M = S->model;
+    for (int axis = 0; axis < 3; axis++) {
+        const size_t row = 3 * (size_t)v + axis;
+        if (M->basis64) {
+            u[axis] = dot(M->basis64 + row * M->m, S->now.f, M->m);
+        } else {
+            u[axis] = 0.0;
+            for (int j = 0; j < M->m; j++) u[axis] += basis_entry(M, row * M->m + j) * S->now.f[j];
+        }
+        if (M->moved) u[axis] += dot(M->lifting + row * M->moved, S->now.a, M->moved);
+        if (!M->n.condensed) continue;
+        const double *sag = M->sag + 4 * row;
+        double slack = sag[0] + dot3(sag + 1, S->now.gravity);
+        for (int g = 0; g < S->max_grabs; g++)
+            if (S->grabs[g].id) slack += dot3(S->grabs[g].field + 3 * row, S->grabs[g].force);
+        u[axis] += slack / S->scale;
+    }
+}
+
+/* Makes a grab of a free place: all that depends on its vertices alone. */
+static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertices, uint32_t count)
+{
+    const ldsim_model *M = S->model;
+    grab *g = S->grabs + place;
+    const int m = M->m, l = M->moved;
+    g->id = id, g->count = count;
+    memmove(g->vertices, vertices, count * sizeof *vertices);
+    zero(g->B, 3 * (size_t)m), zero(g->lifted, 3 * (size_t)l), zero(g->centre, 3), zero(g->sag, 12), zero(g->force, 3);
+    for (uint32_t i = 0; i < count; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            const size_t row = 3 * (size_t)vertices[i] + axis;
+            g->centre[axis] += M->rest[row] / count;
+            for (int j = 0; j < m; j++) g->B[axis * m + j] += basis_entry(M, row * m + j) / count;
+            for (int j = 0; j < l; j++) g->lifted[axis * l + j] += M->lifting[row * l + j] / count;
+            for (int j = 0; M->n.condensed && j < 4; j++) g->sag[4 * axis + j] += M->sag[4 * row + j] / count;
+        }
+    if (M->n.condensed) find_field(S, place);
+}
+
+/* The springs that a step reads, in the order in which they were taken. Those of a condensed model are in series with
+ * its compliance: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + B C B')^-1 = L L'. It is 1/2 |L' p|^2, that is
+ * springs of unit stiffness on L'B. */
+static void make_springs(ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    const int m = M->m;
+    S->g = 0;
+    for (int i = 0; i < S->max_grabs; i++) {
+        if (S->grabs[i].id == 0) continue;
+        int at = S->g++;
+        for (; at > 0 && S->grabs[S->order[at - 1]].id > S->grabs[i].id; at--) S->order[at] = S->order[at - 1];
+        S->order[at] = i;
+    }
+    const int rows = 3 * S->g;
+    double *centre = S->joint, *B = S->inverse; /* free until Q is made */
+    for (int i = 0; i < S->g; i++) S->stiffness[i] = M->n.condensed ? 1.0 : S->grabs[S->order[i]].stiffness;
+    if (M->n.condensed && S->g) {
+        for (int i = 0; i < rows; i++)
+            for (int j = 0; j < rows; j++) {
+                const int p = S->order[i / 3], q = S->order[j / 3];
+                const double there = pair_of(S, p, q)[3 * (i % 3) + j % 3], back = pair_of(S, q, p)[3 * (j % 3) + i % 3];
+                S->joint[i * rows + j] = 0.5 * (there + back) / S->scale + (i == j) / S->grabs[p].stiffness;
+            }
+        invert(S->joint, S->root, rows);
+        cholesky(S->root, rows);
+    }
+    for (int i = 0; i < rows; i++) {
+        const grab *g = S->grabs + S->order[i / 3];
+        const double *sag = g->sag + 4 * (i % 3);
+        centre[i] = g->centre[i % 3] + (M->n.condensed ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
+        copy(B + (size_t)i * m, g->B + (i % 3) * m, m);
+    }
+    copy(S->centre, centre, rows);
+    copy(S->B, B, (size_t)rows * m);
+    if (M->n.condensed)
+        for (int i = 0; i < rows; i++) {
+            S->centre[i] = 0.0;
+            zero(S->B + (size_t)i * m, m);
+            for (int j = i; j < rows; j++) {
+                S->centre[i] += S->root[j * rows + i] * centre[j];
+                for (int f = 0; f < m; f++) S->B[(size_t)i * m + f] += S->root[j * rows + i] * B[(size_t)j * m + f];
+            }
+        }
+    S->renewed_springs = 1;
+}
+
+static void aim_springs(ldsim_solid *S)
+{
+    const int rows = 3 * S->g, condensed = S->model->n.condensed;
+    for (int i = 0; i < rows; i++) {
+        S->target[i] = condensed ? 0.0 : S->grabs[S->order[i / 3]].target[i % 3];
+        for (int j = i; condensed && j < rows; j++)
+            S->target[i] += S->root[j * rows + i] * S->grabs[S->order[j / 3]].target[j % 3];
+    }
+}
+
+/* What the springs of a condensed model pull with now. */
+static void find_forces(ldsim_solid *S)
+{
+    const int rows = 3 * S->g, m = S->model->m;
+    for (int i = 0; i < rows; i++) S->joint[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, S->now.f, m);
+    for (int i = 0; i < rows; i++) {
+        double *force = S->grabs[S->order[i / 3]].force + i % 3;
+        *force = 0.0;
+        for (int j = 0; j <= i; j++) *force += S->root[i * rows + j] * S->joint[j];
+    }
+}
+
+static grab *find_grab(const ldsim_solid *S, uint32_t id)
+{
+    for (int i = 0; id && i < S->max_grabs; i++)
+        if (S->grabs[i].id == id) return (grab *)&S->grabs[i];
+    return NULL;
+}
+
+static int free_place(const ldsim_solid *S)
+{
+    for (int i = 0; i < S->max_grabs; i++)
+        if (S->grabs[i].id == 0) return i;
+    return -1;
+}
+
+/* A stiffness or a radius of 0 stands for the usual one. */
+static int not_negative(double x) { return x >= 0.0 && finite_number(x); }
+
+static int pull_is_possible(const double *target, double stiffness)
+{
+    return target && all_finite(target, 3) && not_negative(stiffness);
+}
+
+int ldsim_grab_vertices(ldsim_solid *S, const uint32_t *vertices, uint32_t count, const double target[3],
+                        double stiffness, uint32_t *id)
+{
+    const ldsim_model *M = S->model;
+    if (!vertices || !id || !pull_is_possible(target, stiffness)) return LDSIM_BAD_ARGUMENT;
+    if (count < 1 || count > M->n.vertices || !all_below(vertices, count, M->n.vertices)) return LDSIM_BAD_ARGUMENT;
+    const int place = free_place(S);
+    if (place < 0) return LDSIM_TOO_MANY_GRABS;
+    hold(S, place, S->next_id++, vertices, count);
+    S->grabs[place].stiffness = stiffness > 0.0 ? stiffness : M->given.stiffness;
+    copy(S->grabs[place].target, target, 3);
+    S->renewed_springs = 0;
+    *id = S->grabs[place].id;
+    return LDSIM_OK;
+}
+
+static double apart(const double *a, const double *b)
+{
+    const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+    return sqrt(x * x + y * y + z * z);
+}
+
+int ldsim_grab(ldsim_solid *S, const double point[3], const double target[3], double stiffness, double radius,
+               uint32_t *id)
+{
+    const ldsim_model *M = S->model;
+    const uint32_t n = M->n.vertices;
+    if (!point || !id || !all_finite(point, 3) || !pull_is_possible(target, stiffness) || !not_negative(radius))
+        return LDSIM_BAD_ARGUMENT;
+    if (radius == 0.0) radius = M->given.radius;
+    const int place = free_place(S);
+    if (place < 0) return LDSIM_TOO_MANY_GRABS;
+    double *x = S->positions, least = INFINITY;
+    uint32_t picked = 0, count = 0, *found = S->grabs[place].vertices;
+    for (uint32_t v = 0; v < n; v++) {
+        displacement_of(S, v, x + 3 * (size_t)v);
+        for (int axis = 0; axis < 3; axis++) x[3 * (size_t)v + axis] += M->rest[3 * (size_t)v + axis];
+        const double distance = apart(x + 3 * (size_t)v, point);
+        if (distance < least) least = distance, picked = v;
+    }
+    if (!(least <= 0.5 * M->given.diagonal)) return LDSIM_TOO_FAR;
+    for (uint32_t v = 0; v < n; v++)
+        if (M->movable[v] && apart(x + 3 * (size_t)v, x + 3 * (size_t)picked) <= radius) found[count++] = v;
+    if (count == 0) return LDSIM_ALL_PINNED;
+    return ldsim_grab_vertices(S, found, count, target, stiffness, id);
+}
+
+int ldsim_move(ldsim_solid *S, uint32_t id, const double target[3])
+{
+    grab *g = find_grab(S, id);
+    if (!g) return LDSIM_NO_SUCH_GRAB;
+    if (!target || !all_finite(target, 3)) return LDSIM_BAD_ARGUMENT;
+    copy(g->target, target, 3);
+    return LDSIM_OK;
+}
+
+int ldsim_release(ldsim_solid *S, uint32_t id)
+{
+    grab *g = find_grab(S, id);
+    if (!g) return LDSIM_NO_SUCH_GRAB;
+    g->id = 0;
+    S->renewed_springs = 0;
+    return LDSIM_OK;
+}
+
+int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
+{
+    const ldsim_model *M = S->model;
+    const grab *g = find_grab(S, id);
+    if (!g) return LDSIM_NO_SUCH_GRAB;
+    if (!centroid) return LDSIM_BAD_ARGUMENT;
+    for (int axis = 0; axis < 3; axis++) {
+        centroid[axis] = g->centre[axis] + dot(g->B + axis * M->m, S->now.f, M->m);
+        if (M->moved) centroid[axis] += dot(g->lifted + axis * M->moved, S->now.a, M->moved);
+        if (!M->n.condensed) continue;
+        double slack = g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
+        for (int j = 0; j < S->max_grabs; j++)
+            if (S->grabs[j].id) slack += dot3(pair_of(S, (int)(g - S->grabs), j) + 3 * axis, S->grabs[j].force);
+        centroid[axis] += slack / S->scale;
+    }
+    return LDSIM_OK;
+}
+
+int ldsim_force(const ldsim_solid *S, uint32_t id, double force[3])
+{
+    const int code = ldsim_centroid(S, id, force);
+    if (code != LDSIM_OK) return code;
+    const grab *g = find_grab(S, id);
+    for (int axis = 0; axis < 3; axis++) force[axis] = g->stiffness * (g->target[axis] - force[axis]);
+    return LDSIM_OK;
+}
+
+int ldsim_set_gravity(ldsim_solid *S, const double gravity[3])
+{
+    if (!gravity || !all_finite(gravity, 3)) return LDSIM_BAD_ARGUMENT;
+    copy(S->gravity, gravity, 3);
+    S->renewed_springs = 0; /* the sag of a condensed model is in them */
+    return LDSIM_OK;
+}
+
+int ldsim_set_stiffness(ldsim_solid *S, double scale)
+{
+    if (!(scale > 0.0) || !finite_number(scale)) return LDSIM_BAD_ARGUMENT;
+    if (scale != S->scale) S->now.usable = S->renewed_springs = 0;
+    S->scale = scale;
+    return LDSIM_OK;
+}
+
+int ldsim_move_pins(ldsim_solid *S, uint32_t support, const double map[12])
+{
+    if (support >= S->model->n.supports) return LDSIM_NO_SUCH_SUPPORT;
+    if (!map || !all_finite(map, 12)) return LDSIM_BAD_ARGUMENT;
+    for (int e = 0; e < 12; e++) S->pins[12 * support + e] = map[e] - (e % 5 == 0); /* less the identity */
+    return LDSIM_OK;
+}
+
+/* ---- The step -------------------------------------------------------------------------------------------------------- */
+
+#define BOUND 3.0 /* a step that leaves the solid this many diagonals (root mean square) from rest is not taken */
+
+static int out_of_bounds(ldsim_solid *S, const moment *at)
+{
+    const ldsim_model *M = S->model;
+    double total = 0.0;
+    for (int j = 0; j < M->m; j++)
+        total += at->f[j] * (M->n.full_inertia ? dot(M->inertia + (size_t)j * M->m, at->f, M->m)
+                                               : M->inertia[j] * at->f[j]);
+    return !(M->given.time_step * sqrt(total / M->given.mass) <= BOUND * M->given.diagonal);
+}
+
+static void identity(double *H, int r)
+{
+    zero(H, (size_t)r * r);
+    for (int i = 0; i < r; i++) H[i * r + i] = 1.0;
+}
+
+/* One step of implicit Euler from one moment to another. */
+static solution try_step(ldsim_solid *S, const moment *from, moment *to)
+{
+    const ldsim_model *M = S->model;
+    const int r = M->r, m = M->m, l = M->moved;
+    copy(S->force, M->load, m);
+    add_product(M->unit_weight, S->gravity, S->force, m, 3);
+    if (l) {
+        double *change = S->scratch;
+        for (int j = 0; j < l; j++) change[j] = -(S->pins[j] - 2.0 * from->a[j] + from->a_before[j]);
+        add_product(M->lifted_inertia, change, S->force, m, l);
+        zero(S->lifted, 9 * M->points);
+        add_product(M->lifted_strain, S->pins, S->lifted, 9 * M->points, l);
+        for (int i = 0; i < 3 * S->g; i++) {
+            const grab *g = S->grabs + S->order[i / 3];
+            S->centre[i] = g->centre[i % 3] + dot(g->lifted + (i % 3) * l, S->pins, l);
+        }
+    }
+    for (int j = 0; j < m; j++) S->predictor[j] = 2.0 * from->f[j] - from->f_before[j];
+    uint32_t held[LDSIM_MAX_GRABS] = {0};
+    for (int i = 0; i < S->g; i++) held[i] = S->grabs[S->order[i]].id;
+    const int renew = !from->usable || from->excess > RENEWAL_COST || memcmp(held, from->held, sizeof held) != 0;
+    copy(to->z, from->z, r);
+    copy(to->H, from->H, (size_t)r * r);
+    const solution found = minimise(S, from->guess, to->z, to->f, to->H, renew);
+    for (int i = 0; i < r; i++) { /* the next guess: the change of the last step, plus the change of that change */
+        to->z_before[i] = from->z[i];
+        to->guess[i] = to->z[i] + 2.0 * (to->z[i] - from->z[i]) - (from->z[i] - from->z_before[i]);
+    }
+    copy(to->f_before, from->f, m);
+    copy(to->a, S->pins, l);
+    copy(to->a_before, from->a, l);
+    copy(to->gravity, S->gravity, 3);
+    memcpy(to->held, held, sizeof held);
+    const int beyond = found.iterations - from->fresh;
+    to->usable = !renew || found.iterations > 0; /* where no iteration was needed, nothing was factorised */
+    to->fresh = renew ? found.iterations : from->fresh;
+    to->excess = renew ? 0 : from->excess + (beyond > 0 ? beyond : 0);
+    return found;
+}
+
+/* Copies a moment without what was kept from earlier steps. */
+static void copy_renewed(const ldsim_solid *S, const moment *from, moment *to)
+{
+    copy(to->z, from->z, S->moment_size);
+    copy(to->gravity, from->gravity, 3);
+    identity(to->H, S->model->r);
+    to->usable = to->fresh = to->excess = 0;
+}
+
+static void take(ldsim_solid *S, moment *found)
+{
+    const moment before = S->now;
+    S->now = *found, *found = before;
+}
+
+ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
+{
+    const ldsim_model *M = S->model;
+    if (!S->renewed_springs) make_springs(S);
+    aim_springs(S);
+    moment *found = &S->first;
+    solution last = try_step(S, &S->now, found);
+    int iterations = last.iterations, evaluations = last.evaluations;
+    int lost = last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found);
+    if (last.reason == LDSIM_NO_DECREASE && !lost) { /* again, with a new preconditioner */
+        copy_renewed(S, &S->now, &S->start);
+        last = try_step(S, &S->start, &S->second);
+        iterations += last.iterations, evaluations += last.evaluations;
+        if (last.reason == LDSIM_INFINITE_START) lost = 1;
+        else if (!out_of_bounds(S, &S->second)) found = &S->second;
+    }
+    ldsim_outcome outcome = last.reason == LDSIM_CONVERGED ? LDSIM_SOLVED : LDSIM_SHORT;
+    if (lost) { /* from standstill */
+        copy_renewed(S, &S->now, &S->start);
+        copy(S->start.z_before, S->start.z, M->r);
+        copy(S->start.guess, S->start.z, M->r);
+        copy(S->start.f_before, S->start.f, M->m);
+        copy(S->start.a_before, S->start.a, M->moved);
+        found = &S->first;
+        last = try_step(S, &S->start, found);
+        iterations += last.iterations, evaluations += last.evaluations;
+        outcome = LDSIM_SLOWED;
+        if (last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found)) outcome = LDSIM_HELD, found = &S->start;
+    }
+    take(S, found);
+    if (M->n.condensed && outcome != LDSIM_HELD) find_forces(S);
+    if (record) {
+        const ldsim_record told = {iterations, evaluations, last.reason, outcome, last.value, last.norm};
+        *record = told;
+    }
+    return outcome;
+}
+
+/* ---- Making and reading a solid -------------------------------------------------------------------------------------- */
+
+/* Cuts one block of memory into arrays, or only adds up their sizes where `at` is null. */
+static double *cut(double **at, size_t *total, size_t count)
+{
+    double *found = *at;
+    if (found) *at += count;
+    *total += count;
+    return found;
+}
+
+static void lay_out_moment(const ldsim_model *M, moment *x, double **at, size_t *total)
+{
+    x->z = cut(at, total, M->r), x->z_before = cut(at, total, M->r), x->guess = cut(at, total, M->r);
+    x->f = cut(at, total, M->m), x->f_before = cut(at, total, M->m);
+    x->H = cut(at, total, (size_t)M->r * M->r);
+    x->a = cut(at, total, M->moved), x->a_before = cut(at, total, M->moved);
+}
+
+static size_t lay_out(ldsim_solid *S, double *block)
+{
+    const ldsim_model *M = S->model;
+    const size_t r = M->r, m = M->m, c = M->points, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
+    const size_t condensed = M->n.condensed, work = 2 * (size_t)M->hidden + l;
+    size_t total = 0;
+    double **at = &block;
+    moment *moments[] = {&S->now, &S->first, &S->second, &S->start};
+    for (int i = 0; i < 4; i++) lay_out_moment(M, moments[i], at, &total);
+    S->moment_size = total / 4;
+    S->pins = cut(at, &total, l);
+    for (size_t i = 0; i < most; i++) {
+        grab *g = S->grabs + i;
+        g->vertices = (uint32_t *)(void *)cut(at, &total, (n + 1) / 2);
+        g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->field = cut(at, &total, condensed * 9 * n);
+    }
+    S->compliance = cut(at, &total, condensed * 9 * most * most);
+    S->B = cut(at, &total, rows * m), S->centre = cut(at, &total, rows), S->target = cut(at, &total, rows);
+    S->stiffness = cut(at, &total, most), S->root = cut(at, &total, rows * rows);
+    S->joint = cut(at, &total, rows * rows), S->inverse = cut(at, &total, rows * m);
+    S->force = cut(at, &total, m), S->lifted = cut(at, &total, l ? 9 * c : 0);
+    S->hidden = cut(at, &total, M->hidden), S->scratch = cut(at, &total, work);
+    S->predictor = cut(at, &total, m), S->offset = cut(at, &total, m), S->pull = cut(at, &total, m);
+    S->product = cut(at, &total, m), S->strain = cut(at, &total, 9 * c), S->jacobian = cut(at, &total, r * m);
+    S->gradient = cut(at, &total, r), S->gradient_new = cut(at, &total, r), S->direction = cut(at, &total, r);
+    S->z_new = cut(at, &total, r), S->s = cut(at, &total, r), S->y = cut(at, &total, r), S->Hy = cut(at, &total, r);
+    S->hessian = cut(at, &total, r * r);
+    S->turned = cut(at, &total, 9 * POINTS_AT_ONCE * r), S->stressed = cut(at, &total, 9 * POINTS_AT_ONCE * r);
+    S->positions = cut(at, &total, 3 * n);
+    S->solve = cut(at, &total, condensed * 3 * ((size_t)M->n.free_vertices + M->largest_front + n));
+    return total;
+}
+
+int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid)
+{
+    if (!model || !solid || max_grabs < 0 || max_grabs > LDSIM_MAX_GRABS) return LDSIM_BAD_ARGUMENT;
+    ldsim_solid shape;
+    memset(&shape, 0, sizeof shape);
+    shape.model = model, shape.max_grabs = max_grabs;
+    const size_t total = lay_out(&shape, NULL), head = (sizeof shape + 15) / 16 * 16;
+    *solid = calloc(1, head + total * sizeof(double));
+    if (!*solid) return LDSIM_NO_MEMORY;
+    **solid = shape;
+    lay_out(*solid, (double *)(void *)((unsigned char *)*solid + head));
+    (*solid)->next_id = 1, (*solid)->scale = 1.0;
+    copy((*solid)->gravity, model->given.gravity, 3);
+    ldsim_reset(*solid);
+    return LDSIM_OK;
+}
+
+void ldsim_destroy(ldsim_solid *solid) { free(solid); }
+
+void ldsim_reset(ldsim_solid *S)
+{
+    for (int i = 0; i < S->max_grabs; i++) S->grabs[i].id = 0;
+    zero(S->now.z, S->moment_size);
+    zero(S->pins, S->model->moved);
+    identity(S->now.H, S->model->r);
+    copy(S->now.gravity, S->model->given.gravity, 3);
+    memset(S->now.held, 0, sizeof S->now.held);
+    S->now.usable = S->now.fresh = S->now.excess = S->renewed_springs = 0;
+}
+
+void ldsim_displacements(const ldsim_solid *S, double *u)
+{
+    for (uint32_t v = 0; v < S->model->n.vertices; v++) displacement_of(S, v, u + 3 * (size_t)v);
+}
+
+int ldsim_displacement(const ldsim_solid *S, const uint32_t *vertices, uint32_t count, double *u)
+{
+    if (!vertices || !u || !all_below(vertices, count, S->model->n.vertices)) return LDSIM_BAD_ARGUMENT;
+    for (uint32_t i = 0; i < count; i++) displacement_of(S, vertices[i], u + 3 * (size_t)i);
+    return LDSIM_OK;
+}
+
+const double *ldsim_coordinates(const ldsim_solid *S) { return S->now.z; }
+
+double ldsim_novelty(const ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    double least = INFINITY;
+    for (uint32_t i = 0; i < M->n.landmarks; i++) {
+        double total = 0.0;
+        for (int a = 0; a < M->r; a++) {
+            const double away = M->landmarks[(size_t)i * M->r + a] - S->now.z[a];
+            total += away * away;
+        }
+        least = fmin(least, total);
+    }
+    return M->n.landmarks ? sqrt(least) / M->given.reach / M->given.threshold : (double)NAN;
+}
+
+/* ---- Saved states -------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    uint64_t magic, fingerprint, size, sums[2];
+    double gravity[3], scale, gravity_then[3];
+    uint32_t next_id, g;
+    int32_t usable, fresh, excess, unused;
+    uint32_t held[LDSIM_MAX_GRABS];
+    struct {
+        uint32_t id, count;
+        double target[3], stiffness, force[3];
+    } grabs[LDSIM_MAX_GRABS];
+} saved; /* followed by the numbers of the moment, the pins, and the vertices of each grab */
+
+#define SAVED UINT64_C(0x65746174734D4953) /* "SIMstate" */
+
+size_t ldsim_state_size(const ldsim_solid *S)
+{
+    size_t vertices = 0;
+    for (int i = 0; i < S->max_grabs; i++)
+        if (S->grabs[i].id) vertices += S->grabs[i].count;
+    return sizeof(saved) + (S->moment_size + S->model->moved) * sizeof(double) + (vertices + 1) / 2 * 8;
+}
+
+/* The sums over all words of a state after those that hold them; a state may lie at any address. */
+static void state_sums(const unsigned char *state, size_t size, uint64_t sums[2])
+{
+    uint64_t word;
+    sums[0] = sums[1] = 0;
+    for (size_t i = 40; i + 8 <= size; i += 8) {
+        memcpy(&word, state + i, 8);
+        sums[0] += word, sums[1] += sums[0];
+    }
+}
+
+void ldsim_save(const ldsim_solid *S, void *state)
+{
+    saved head;
+    memset(&head, 0, sizeof head);
+    head.magic = SAVED, head.fingerprint = S->model->fingerprint, head.size = ldsim_state_size(S);
+    copy(head.gravity, S->gravity, 3), copy(head.gravity_then, S->now.gravity, 3);
+    head.scale = S->scale, head.next_id = S->next_id;
+    head.usable = S->now.usable, head.fresh = S->now.fresh, head.excess = S->now.excess;
+    memcpy(head.held, S->now.held, sizeof head.held);
+    unsigned char *numbers_at = (unsigned char *)state + sizeof head;
+    unsigned char *pins_at = numbers_at + S->moment_size * sizeof(double);
+    unsigned char *at = pins_at + S->model->moved * sizeof(double);
+    memset(state, 0, head.size); /* what lies between the arrays, too, is the same each time */
+    for (int i = 0; i < S->max_grabs; i++) {
+        const grab *g = S->grabs + i;
+        if (g->id == 0) continue;
+        head.grabs[head.g].id = g->id, head.grabs[head.g].count = g->count;
+        head.grabs[head.g].stiffness = g->stiffness;
+        copy(head.grabs[head.g].target, g->target, 3), copy(head.grabs[head.g++].force, g->force, 3);
+        memcpy(at, g->vertices, g->count * sizeof(uint32_t));
+        at += g->count * sizeof(uint32_t);
+    }
+    memcpy(numbers_at, S->now.z, S->moment_size * sizeof(double));
+    memcpy(pins_at, S->pins, S->model->moved * sizeof(double));
+    memcpy(state, &head, sizeof head);
+    state_sums(state, head.size, head.sums);
+    memcpy(state, &head, sizeof head);
+}
+
+/* Whether all of a state is what ldsim_save may have written for this model; S->start holds its numbers then. */
+static int check_state(ldsim_solid *S, const saved *head, const unsigned char *state, size_t size)
+{
+    const ldsim_model *M = S->model;
+    const size_t fixed = sizeof *head + (S->moment_size + M->moved) * sizeof(double);
+    size_t vertices = 0;
+    uint32_t vertex;
+    if (head->g > (uint32_t)S->max_grabs) return LDSIM_TOO_MANY_GRABS;
+    int fine = all_finite(head->gravity, 3) && all_finite(head->gravity_then, 3) && finite_number(head->scale);
+    fine = fine && head->scale > 0.0 && head->next_id > 0 && head->fresh >= 0 && head->excess >= 0;
+    for (uint32_t i = 0; fine && i < head->g; i++) {
+        fine = head->grabs[i].id && head->grabs[i].id < head->next_id && head->grabs[i].count;
+        fine = fine && head->grabs[i].count <= M->n.vertices && head->grabs[i].stiffness > 0.0;
+        fine = fine && all_finite(head->grabs[i].target, 7);
+        for (uint32_t j = 0; j < i; j++) fine = fine && head->grabs[j].id != head->grabs[i].id;
+        vertices += head->grabs[i].count;
+    }
+    if (!fine || size < fixed || size - fixed != (vertices + 1) / 2 * 8) return LDSIM_OTHER_MODEL;
+    for (size_t i = 0; i < vertices; i++) {
+        memcpy(&vertex, state + fixed + 4 * i, 4);
+        if (vertex >= M->n.vertices) return LDSIM_OTHER_MODEL;
+    }
+    memcpy(S->start.z, state + sizeof *head, S->moment_size * sizeof(double));
+    memcpy(S->scratch, state + sizeof *head + S->moment_size * sizeof(double), M->moved * sizeof(double));
+    if (!all_finite(S->start.z, S->moment_size) || !all_finite(S->scratch, M->moved)) return LDSIM_NOT_FINITE;
+    return out_of_bounds(S, &S->start) ? LDSIM_OUT_OF_BOUNDS : LDSIM_OK;
+}
+
+int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
+{
+    const ldsim_model *M = S->model;
+    uint64_t sums[2];
+    saved head;
+    if (!state || size < sizeof head) return LDSIM_OTHER_MODEL;
+    memcpy(&head, state, sizeof head);
+    if (head.magic != SAVED || head.fingerprint != M->fingerprint || head.size != size) return LDSIM_OTHER_MODEL;
+    state_sums(state, size, sums);
+    if (sums[0] != head.sums[0] || sums[1] != head.sums[1]) return LDSIM_OTHER_MODEL;
+    const int code = check_state(S, &head, state, size);
+    if (code != LDSIM_OK) return code;
+    memcpy(S->start.held, head.held, sizeof head.held);
+    S->start.usable = head.usable != 0, S->start.fresh = head.fresh, S->start.excess = head.excess;
+    copy(S->start.gravity, head.gravity_then, 3);
+    take(S, &S->start);
+    copy(S->pins, S->scratch, M->moved);
+    copy(S->gravity, head.gravity, 3);
+    S->scale = head.scale, S->renewed_springs = 0;
+    if (head.next_id > S->next_id) S->next_id = head.next_id;
+    /* A grab that is held already is kept, for its field costs solves. */
+    const unsigned char *lists = (const unsigned char *)state + sizeof head + (S->moment_size + M->moved) * sizeof(double);
+    for (int i = 0; i < S->max_grabs; i++) {
+        const unsigned char *at = lists;
+        int kept = 0;
+        for (uint32_t j = 0; j < head.g; at += 4 * (size_t)head.grabs[j++].count)
+            kept |= head.grabs[j].id == S->grabs[i].id && head.grabs[j].count == S->grabs[i].count &&
+                    memcmp(at, S->grabs[i].vertices, 4 * (size_t)S->grabs[i].count) == 0;
+        if (!kept) S->grabs[i].id = 0;
+    }
+    for (uint32_t j = 0; j < head.g; lists += 4 * (size_t)head.grabs[j++].count) {
+        grab *g = find_grab(S, head.grabs[j].id);
+        if (!g) {
+            const int place = free_place(S);
+            g = S->grabs + place;
+            memcpy(g->vertices, lists, 4 * (size_t)head.grabs[j].count);
+            hold(S, place, head.grabs[j].id, g->vertices, head.grabs[j].count);
+        }
+        copy(g->target, head.grabs[j].target, 3), copy(g->force, head.grabs[j].force, 3);
+        g->stiffness = head.grabs[j].stiffness;
+    }
+    return LDSIM_OK;
+}

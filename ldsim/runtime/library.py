@@ -1,0 +1,220 @@
+"""The C library called from Python: built by the machine's own compiler, its functions by `ctypes`."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ldsim.arrays import Array
+from ldsim.errors import SolverError
+from ldsim.optimise.solution import Reason
+from ldsim.runtime import source
+
+SOURCES = ("ldsim.c", "ldsim.h")
+OPTIMISED = ("-O3", "-fno-math-errno")
+
+
+class _Info(ctypes.Structure):
+    _fields_ = [(name, c_uint32) for name in ("vertices", "triangles", "r", "features", "points", "supports")]
+    _fields_ += [("condensed", c_int), ("time_step", c_double), ("gravity", c_double * 3)]
+    _fields_ += [(name, c_double) for name in ("diagonal", "stiffness", "radius")]
+
+
+class _Record(ctypes.Structure):
+    _fields_ = [(name, c_int) for name in ("iterations", "evaluations", "reason", "outcome")]
+    _fields_ += [("energy", c_double), ("gradient_norm", c_double)]
+
+
+# Arrays are handed over as such, so that they live until the call returns.
+NUMBERS = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
+VERTICES = np.ctypeslib.ndpointer(np.uint32, flags="C_CONTIGUOUS")
+SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "message": (c_char_p, [c_int]),
+    "load": (c_int, [c_char_p, c_size_t, POINTER(c_void_p)]),
+    "load_file": (c_int, [c_char_p, POINTER(c_void_p)]),
+    "free": (None, [c_void_p]),
+    "describe": (None, [c_void_p, POINTER(_Info)]),
+    "create": (c_int, [c_void_p, c_int, POINTER(c_void_p)]),
+    "destroy": (None, [c_void_p]),
+    "reset": (None, [c_void_p]),
+    "grab": (c_int, [c_void_p, NUMBERS, NUMBERS, c_double, c_double, POINTER(c_uint32)]),
+    "grab_vertices": (c_int, [c_void_p, VERTICES, c_uint32, NUMBERS, c_double, POINTER(c_uint32)]),
+    "move": (c_int, [c_void_p, c_uint32, NUMBERS]),
+    "release": (c_int, [c_void_p, c_uint32]),
+    "centroid": (c_int, [c_void_p, c_uint32, NUMBERS]),
+    "force": (c_int, [c_void_p, c_uint32, NUMBERS]),
+    "set_gravity": (c_int, [c_void_p, NUMBERS]),
+    "set_stiffness": (c_int, [c_void_p, c_double]),
+    "move_pins": (c_int, [c_void_p, c_uint32, NUMBERS]),
+    "step": (c_int, [c_void_p, POINTER(_Record)]),
+    "displacements": (None, [c_void_p, NUMBERS]),
+    "displacement": (c_int, [c_void_p, VERTICES, c_uint32, NUMBERS]),
+    "coordinates": (POINTER(c_double), [c_void_p]),
+    "novelty": (c_double, [c_void_p]),
+    "state_size": (c_size_t, [c_void_p]),
+    "save": (None, [c_void_p, c_void_p]),
+    "restore": (c_int, [c_void_p, c_char_p, c_size_t]),
+}
+
+
+def compiler() -> str | None:
+    """The C compiler of this machine, None where there is none."""
+    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+
+
+def build(folder: Path, flags: Sequence[str] = OPTIMISED) -> Path:
+    """Compile the library into a folder; returns the shared library.
+
+    Raises:
+        SolverError: there is no compiler, or it fails.
+    """
+    command = compiler()
+    if command is None:
+        raise SolverError("no C compiler was found (cc, gcc or clang); install one, such as the package gcc")
+    for name in SOURCES:
+        (folder / name).write_text(source(name), encoding="utf-8")
+    made = folder / {"darwin": "libldsim.dylib", "win32": "ldsim.dll"}.get(sys.platform, "libldsim.so")
+    arguments = [command, "-std=c99", *flags, "-shared", "-fPIC", "ldsim.c", "-o", made.name, "-lm"]
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True)
+    if done.returncode:
+        raise SolverError(f"{' '.join(arguments)} failed: {done.stderr.strip()}")
+    return made
+
+
+class Library:
+    """The functions of a library that was built."""
+
+    def __init__(self, path: Path) -> None:
+        self.functions = ctypes.CDLL(str(path))
+        for name, (result, arguments) in SIGNATURES.items():
+            function = getattr(self.functions, f"ldsim_{name}")
+            function.restype, function.argtypes = result, arguments
+
+    def __call__(self, name: str, *arguments: Any) -> Any:
+        """Call ldsim_name; a code that is not LDSIM_OK is raised in words, but a step's, which is its outcome."""
+        found = getattr(self.functions, f"ldsim_{name}")(*arguments)
+        if SIGNATURES[name][0] is c_int and name != "step" and found:
+            raise SolverError(self.functions.ldsim_message(found).decode())
+        return found
+
+
+class NativeModel:
+    """A model, loaded; any number of solids and threads may share it."""
+
+    def __init__(self, library: Library, data: bytes) -> None:
+        self.library, self.pointer = library, c_void_p()
+        library("load", data, len(data), byref(self.pointer))
+        self.info = _Info()
+        library("describe", self.pointer, byref(self.info))
+
+    def __del__(self) -> None:
+        self.library("free", self.pointer)
+
+
+class NativeSolid:
+    """One solid of a model, at rest at first; see ldsim.h for what its functions do.
+
+    Raises:
+        SolverError: what a function of the library refuses, in its words.
+    """
+
+    def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
+        self.model, self._pointer, self._record = model, c_void_p(), _Record()
+        self._call("create", model.pointer, max_grabs, byref(self._pointer), solid=False)
+
+    def __del__(self) -> None:
+        self._call("destroy")
+
+    def _call(self, name: str, *arguments: Any, solid: bool = True) -> Any:
+        return self.model.library(name, *((self._pointer,) if solid else ()), *arguments)
+
+    def grab(
+        self, point: ArrayLike, target: ArrayLike, stiffness: float | None = None, radius: float | None = None
+    ) -> int:
+        """A number that names it from now on; the usual stiffness and radius where none are given."""
+        found = c_uint32()
+        self._call("grab", _f8(point), _f8(target), stiffness or 0.0, radius or 0.0, byref(found))
+        return found.value
+
+    def grab_vertices(self, vertices: NDArray[np.integer], target: ArrayLike, stiffness: float | None = None) -> int:
+        held, found = np.ascontiguousarray(vertices, dtype=np.uint32), c_uint32()
+        self._call("grab_vertices", held, len(held), _f8(target), stiffness or 0.0, byref(found))
+        return found.value
+
+    def move(self, grab: int, target: ArrayLike) -> None:
+        self._call("move", grab, _f8(target))
+
+    def release(self, grab: int) -> None:
+        self._call("release", grab)
+
+    def centroid(self, grab: int) -> Array:
+        return self._vector("centroid", grab)
+
+    def force(self, grab: int) -> Array:
+        return self._vector("force", grab)
+
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        self._call("set_gravity", _f8(gravity))
+
+    def set_stiffness(self, scale: float) -> None:
+        self._call("set_stiffness", scale)
+
+    def move_pins(self, support: int, map: ArrayLike) -> None:
+        self._call("move_pins", support, _f8(map))
+
+    def step(self) -> tuple[int, int, Reason, int]:
+        """Iterations, evaluations, why the minimiser stopped, and the outcome, a number of ldsim_outcome."""
+        outcome = self._call("step", byref(self._record))
+        record = self._record
+        return record.iterations, record.evaluations, Reason(record.reason), outcome
+
+    def reset(self) -> None:
+        self._call("reset")
+
+    def displacements(self) -> Array:
+        """u of all vertices, (n, 3) float64, metres."""
+        u = np.empty((self.model.info.vertices, 3))
+        self._call("displacements", u)
+        return u
+
+    def displacement(self, vertices: NDArray[np.integer]) -> Array:
+        """u of some vertices, (v, 3) float64, metres."""
+        some = np.ascontiguousarray(vertices, dtype=np.uint32)
+        u = np.empty((len(some), 3))
+        self._call("displacement", some, len(some), u)
+        return u
+
+    @property
+    def z(self) -> Array:
+        """Coordinates, (r,) float64."""
+        return np.array(self._call("coordinates")[: self.model.info.r])
+
+    @property
+    def novelty(self) -> float:
+        return float(self._call("novelty"))
+
+    def save(self) -> bytes:
+        state = ctypes.create_string_buffer(self._call("state_size"))
+        self._call("save", state)
+        return state.raw
+
+    def restore(self, state: bytes) -> None:
+        self._call("restore", state, len(state))
+
+    def _vector(self, name: str, grab: int) -> Array:
+        out = np.empty(3)
+        self._call(name, grab, out)
+        return out
+
+
+def _f8(values: ArrayLike) -> Array:
+    return np.ascontiguousarray(values, dtype=np.float64)

@@ -1,0 +1,159 @@
+"""The model file of the C library: a header of 256 bytes and arrays in a fixed order, little-endian.
+
+docs/guide/runtime.md says what each byte is; `find_arrays` of ldsim.c reads them in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.arrays import Array
+from ldsim.cubature.rule import strain_maps
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.potential import Reduced
+from ldsim.dynamics.reduced.stepper import MovingPins, ReducedStepper
+from ldsim.errors import ExportError
+from ldsim.mechanics.grabs import usual_grip
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.surface import Surface
+from ldsim.space.basis import Basis
+from ldsim.space.compliance import Compliance
+from ldsim.space.space import Space
+
+MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 1, 256
+MAX_LAYERS = 8
+Arrays = dict[str, NDArray[np.generic]]
+
+
+class Pieces(NamedTuple):
+    """What a file is made of: counts and numbers of the header, and the arrays, each in the order of the file."""
+
+    counts: list[int]
+    numbers: list[float]
+    arrays: Arrays
+
+
+def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, single: bool = False) -> bytes:
+    """A reduced space as the C library loads it.
+
+    Args:
+        options: of the minimiser; the library has BFGS around the present tangent alone, Python's default.
+        single: keep the basis in float32, for size. It decides what is drawn and held; a step is otherwise the same.
+
+    Raises:
+        ExportError: the library does not have what is asked for.
+    """
+    if options.method != "bfgs" or not options.current:
+        raise ExportError(
+            f"the C library steps by method bfgs with current: true; got {options.method}, current: {options.current}"
+        )
+    space = space.by_material()
+    pieces = _pieces(space, options, single)
+    body = b"".join(_padded(array.tobytes()) for array in pieces.arrays.values())
+    header = np.array(pieces.counts, dtype="<u4").tobytes().ljust(HEADER - 48 - 8 * len(pieces.numbers), b"\0")
+    rest = np.array([pieces.arrays["factor"].size], dtype="<u8").tobytes()
+    rest += header + np.array(pieces.numbers, dtype="<f8").tobytes() + body
+    size = np.array([40 + len(rest)], dtype="<u8").tobytes()
+    return MAGIC + np.array([VERSION, HEADER], dtype="<u4").tobytes() + size + checksum(rest) + rest
+
+
+def checksum(data: bytes) -> bytes:
+    """Two sums of 64-bit words, of which the second tells their order (Fletcher 1982); 16 bytes."""
+    words = np.frombuffer(data, dtype="<u8")
+    second = (words * np.arange(len(words), 0, -1, dtype=np.uint64)).sum(dtype=np.uint64)
+    return np.array([words.sum(dtype=np.uint64), second], dtype="<u8").tobytes()
+
+
+def _padded(data: bytes) -> bytes:
+    """Every array begins at a multiple of eight bytes."""
+    return data + b"\0" * (-len(data) % 8)
+
+
+def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
+    scene, basis = space.scene, space.reduced_basis
+    compiled = ReducedStepper(space, options).compiled()[0]
+    layers, novelty, condensed = compiled.layers, space.novelty, space.compliance is not None
+    moving = space.lifting is not None and space.lifting.count > 0
+    if condensed and moving:
+        raise ExportError("the C library has no condensed model whose pins move")
+    pins = MovingPins.of(space) if moving else None
+    supports = len(pins.lifting.supports) if pins is not None else 0
+    arrays: Arrays = {
+        "rest": _f8(scene.mesh.vertices),
+        **dict(_network(space)),
+        **_reduced(compiled),
+        "load": _f8(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),
+        "unit_weight": _f8(np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)),
+        **_moving_pins(pins, scene, space),
+        "landmarks": _f8(np.empty(0) if novelty is None else novelty.landmarks),
+        **_compliance(space.compliance, basis),
+        "basis": basis.matrix.astype("<f4" if single else "<f8"),
+    }
+    structure = {name: arrays.pop(name) for name in ("order", "first", "row_start", "rows_below")}
+    surface = Surface.of(scene.mesh)
+    triangles = surface.vertices[surface.triangles]
+    arrays |= {"triangles": _u4(triangles), "movable": _u4(scene.movable), "kind": _u4(compiled.kind)} | structure
+    widths = [int(width) for width in layers.sizes[1:]]
+    if len(widths) > MAX_LAYERS:
+        raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
+    counts = [scene.mesh.n_vertices, len(triangles), space.r, space.decoder.k]
+    counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), 0]
+    counts += [int(layers.skip.size > 0), compiled.G.shape[2], len(compiled.weights), int(len(compiled.inertia) > 1)]
+    counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed)]
+    counts += [max(structure["first"].size - 1, 0), structure["rows_below"].size, structure["order"].size]
+    counts += [4 if single else 8, options.max_iterations]
+    stiffness, radius = usual_grip(scene)
+    reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
+    numbers = [scene.time_step, *scene.gravity, options.stop(scene), float(scene.mass.sum()), scene.mesh.diagonal]
+    return Pieces(counts, [*map(float, numbers), stiffness, radius, reach, threshold, 0.0], arrays)
+
+
+def _network(space: Space) -> Iterator[tuple[str, NDArray[np.generic]]]:
+    decoder = space.decoder
+    for i, (weights, biases) in enumerate(zip(decoder.weights, decoder.biases, strict=True)):
+        yield from ((f"weights_{i}", _f8(weights)), (f"biases_{i}", _f8(biases)))
+    yield from (("at_zero", _f8(decoder.layers.rest)), ("skip", _f8(decoder.layers.skip)))
+
+
+def _reduced(compiled: Reduced) -> Arrays:
+    """Strain maps by coordinate, (j, 9, c): a strain is then a sum of rows that lie in one piece."""
+    maps = np.ascontiguousarray(compiled.G.transpose(2, 1, 0))
+    numbers = {"weights": compiled.weights, "mu": compiled.mu, "lam": compiled.lam, "inertia": compiled.inertia}
+    return {"maps": _f8(maps), **{name: _f8(values) for name, values in numbers.items()}}
+
+
+def _moving_pins(pins: MovingPins | None, scene: Scene, space: Space) -> Arrays:
+    empty = np.empty(0)
+    if pins is None:
+        return {"lifting": empty, "lifted_strain": empty, "lifted_inertia": empty}
+    # (9, c, l): as the strains lie
+    strain = strain_maps(scene, pins.lifting.fields, space.rule.points).transpose(1, 0, 2)
+    return {"lifting": _f8(pins.fields), "lifted_strain": _f8(strain), "lifted_inertia": _f8(pins.inertia)}
+
+
+def _compliance(compliance: Compliance | None, basis: Basis) -> Arrays:
+    """What a condensed space needs to find the field of a grab: K⁻¹ at rest by its factor, W, and T."""
+    names = ("sag", "coordinates", "tangents", "factor", "order", "first", "row_start", "rows_below")
+    if compliance is None:
+        return {name: np.empty(0) for name in names}
+    dead = compliance.sag(np.zeros(3))
+    sag = np.stack([dead, *(compliance.sag(unit) - dead for unit in np.eye(3))], axis=2)
+    relaxation = compliance.relaxation
+    factor = relaxation.rest_factor
+    tangents = relaxation.rest.tangents.reshape(-1, relaxation.r).T
+    structure = factor.elimination
+    whole = (relaxation.order, structure.first, structure.row_start, structure.rows)
+    values = [_f8(sag), _f8(relaxation.rows), _f8(tangents), _f8(factor.values), *map(_u4, whole)]
+    return dict(zip(names, values, strict=True))
+
+
+def _f8(values: Array) -> NDArray[np.generic]:
+    return np.ascontiguousarray(values, dtype="<f8")
+
+
+def _u4(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    return np.ascontiguousarray(values.astype("<u4"))

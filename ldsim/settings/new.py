@@ -1,0 +1,222 @@
+"""A configuration that fits a solid, made by looking at it; every value in it is an ordinary setting."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import yaml
+
+from ldsim.artefacts.atomic import replacing, writing
+from ldsim.errors import SettingsError
+from ldsim.mechanics.options import PullOptions
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.formats import read_mesh, read_surface
+from ldsim.mesh.options import ShapeOptions
+from ldsim.mesh.shapes import shaped
+from ldsim.mesh.surface import surface_triangles
+from ldsim.options import Field, Options, Positive
+from ldsim.pipeline.mesh import mesh
+from ldsim.pipeline.options import MeshOptions
+from ldsim.pipeline.progress import SILENT, Progress
+from ldsim.pipeline.solid import described, length, look_at
+from ldsim.run import Run
+from ldsim.settings import derived
+from ldsim.settings.experiment import settings_of
+
+SURFACES = (".stl", ".obj", ".ply", ".off")
+CELLS = 10_000
+MODEL, POISSON = "stable_neo_hookean", 0.45
+
+
+class NewOptions(Options):
+    """What can be said of a solid that a configuration is made for; the rest is seen or assumed."""
+
+    shape: Annotated[str | None, Field(description="A procedural shape instead of a file, such as beam.")] = None
+    resolution: Annotated[int, Field(ge=1, le=64, description="Of a shape: cubes across its thinnest side.")] = 3
+    unit: Annotated[Literal["mm", "cm", "m", "in"] | None, Field(description="Of the file; else by its size.")] = None
+    pin: Annotated[
+        Literal["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"] | None,
+        Field(description="The end that is held; else a flat one."),
+    ] = None
+    youngs_modulus: Annotated[
+        Positive | None, Field(description="Pa; else that of soft rubber, or more where its weight asks for it.")
+    ] = None
+    cells: Annotated[int, Field(ge=10, description="Tets that a surface is filled with, about.")] = CELLS
+    output: Annotated[Path | None, Field(description="The configuration; else NAME.yaml, here.")] = None
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where a solid comes from, as the section mesh says it, its unit, and where it is held.
+
+    Attributes:
+        lines: of the section mesh.
+        said: what was assumed.
+        options: the section, with a material to look at it with.
+    """
+
+    name: str
+    lines: tuple[str, ...]
+    said: tuple[str, ...]
+    options: MeshOptions
+
+
+def new(
+    source: Path | None, options: NewOptions, runs: Path = Path("runs"), progress: Progress = SILENT
+) -> tuple[Path, list[str]]:
+    """Look at a solid and write a configuration for it; its scene is made on the way.
+
+    Returns:
+        The path of the configuration, and what was seen and assumed, in plain lines.
+
+    Raises:
+        LdsimError: the solid cannot be read or simulated, its unit is not clear, or there is a configuration or a run
+            of its name.
+    """
+    if (source is None) == (options.shape is None):
+        raise SettingsError("give a surface or mesh file, or --shape NAME, and not both")
+    place = options.output or Path(f"{_name(source.stem if source else str(options.shape))}.yaml")
+    if place.exists():
+        raise SettingsError(f"{place} exists already; run it with `ldsim make {place}`, or give another --output")
+    geometry = seen(source, place, options)
+    with Run(runs / geometry.name, geometry.name) as run:
+        if run.path("snapshots").exists():
+            raise SettingsError(f"{run.folder} holds a finished run already; give another --output")
+        with writing(place):
+            place.parent.mkdir(parents=True, exist_ok=True)
+        scene = mesh(run, geometry.options, progress, place.parent)
+        text, said = configuration(geometry, scene, options.youngs_modulus)
+        settings = settings_of(yaml.safe_load(text), str(place))
+        with replacing(place) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        mesh(run, settings.mesh, SILENT, place.parent)  # of a surface, the tets that were made are kept
+    return place, said
+
+
+def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:
+    """A file or a shape with its unit and its pins.
+
+    Args:
+        place: of the configuration; the path of the file is relative to its folder.
+
+    Raises:
+        LdsimError: it cannot be read, or its unit is not clear.
+    """
+    name = _name(place.stem)
+    if source is None:
+        shape = ShapeOptions(name=str(options.shape), resolution=options.resolution)
+        made = shaped(shape)
+        vertices, triangles, lines = made.vertices, surface_triangles(made), [f"shape: {_flow(shape)}"]
+        said = []
+    else:
+        file, surface = os.path.relpath(source, place.parent), source.suffix.lower() in SURFACES
+        if surface:
+            read = read_surface(source)
+            vertices, triangles = read.vertices, read.faces.astype(np.int32)
+            lines = [f"surface: {{file: {_quoted(file)}, cells: {options.cells}}}"]
+        else:
+            volume = read_mesh(source).mesh
+            vertices, triangles = volume.vertices, surface_triangles(volume)
+            lines = [f"file: {_quoted(file)}", "reorient: true"]
+        diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        unit = options.unit or derived.unit_of(diagonal, surface)
+        scale = derived.METRES[unit]
+        vertices = vertices * scale
+        said = [f"unit: {derived.WORDS[unit]}, so that it is {length(scale * diagonal)} across (--unit)"]
+        lines.append(f"scale: {scale:g} # {said[0]}")
+    pins = derived.pins_of(vertices, triangles.astype(np.int64), options.pin)
+    axis = "xyz"[pins.axis]
+    said.append(f"held at {axis}-{pins.at}, {length(pins.thickness)} deep: {pins.why} (--pin)")
+    lines += [
+        f"pins: # {said[-1]}",
+        f"  - slab: {{axis: {axis}, at: {pins.at}, thickness: {pins.thickness:g}}}",
+        f"gravity: {list(pins.gravity)}",
+    ]
+    content = yaml.safe_load("\n".join(lines)) | {"material": {"model": MODEL, "youngs_modulus": derived.SOFT}}
+    return Geometry(name, tuple(lines), tuple(said), MeshOptions(**content))
+
+
+def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None = None) -> tuple[str, list[str]]:
+    """The text of a configuration for a solid, and in plain lines what was assumed and what the solid then does.
+
+    Args:
+        scene: made with the geometry's options.
+
+    Raises:
+        SettingsError: it is too large to be looked at.
+    """
+    solid = look_at(scene)
+    if solid is None:
+        raise SettingsError(f"{geometry.name} is too large to be looked at in this machine's memory; use fewer cells")
+    factor, why = derived.stiffening(solid), "soft rubber"
+    if youngs_modulus is not None:
+        factor, why = youngs_modulus / derived.SOFT, "as you say"
+    elif factor > 1:
+        why = f"{factor:g} times soft rubber's, so that it stands its own weight"
+    solid, modulus = solid.stiffened(factor), derived.SOFT * factor
+    step, columns = derived.time_step(solid), min(derived.COLUMNS, 3 * len(scene.free))
+    r = min(derived.coordinates(solid, step), columns)
+    pull = PullOptions(
+        count=10,
+        reach=derived.reach_of_pulls(solid),
+        stiffness=derived.stiffness_of_pulls(solid),
+        radius=derived.rounded(solid.radius),
+    )
+    pulls = ", ".join(f"{name}: {_number(getattr(pull, name))}" for name in ("reach", "stiffness", "radius"))
+    material = f"Young's modulus {_number(modulus)} Pa: {why} (--youngs-modulus)"
+    said = [*geometry.said, material, *described(solid, [pull])]
+    mesh_lines = "\n  ".join(geometry.lines)
+    return (
+        f"""\
+# Made by `ldsim new`. Every value is a setting that can be changed; comments say what it was derived from.
+experiment: {geometry.name}
+mesh:
+  {mesh_lines}
+  # {material}
+  material: {{model: {MODEL}, youngs_modulus: {_number(modulus)}, poisson_ratio: {POISSON}}}
+  density: 1000
+  time_step: {_number(step)} # a fortieth of its slowest oscillation, {solid.frequencies[0]:.3g} Hz
+snapshot:
+  # reach: a quarter of its size, or less where that strains it by a half; stiffness: that of the solid where it is
+  # neither soft nor stiff; radius: holds a hundredth of its surface
+  motions:
+    - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
+    - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
+    - {{name: others, role: validation, pulls: {{count: 5, seed: 3, {pulls}}}}}
+    - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
+pca:
+  k: {columns}
+train:
+  kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
+  r: {r} # its frequencies slower than a time step, at least {derived.LEAST_R} and at most {derived.MOST_R}
+  hidden: [64, 64]
+cubature:
+  poses: 200
+  heldout_poses: 50
+""",
+        said,
+    )
+
+
+def _name(stem: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip(".")[:100] or "solid"
+
+
+def _quoted(text: str) -> str:
+    return yaml.safe_dump(text, default_style='"', width=10_000).strip()
+
+
+def _flow(options: Options) -> str:
+    text: str = yaml.safe_dump(options.model_dump(mode="json"), default_flow_style=True, sort_keys=False)
+    return text.strip()
+
+
+def _number(value: float) -> str:
+    """As YAML reads it, without digits that mean nothing."""
+    text = f"{value:g}"
+    return text if "e" not in text or "." in text else text.replace("e", ".0e")

@@ -1,0 +1,23 @@
+"""The C library, built once a session by the compiler of the machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ldsim.runtime.library import Library, build, compiler
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Library:
+    if compiler() is None:
+        pytest.skip("no C compiler (cc, gcc or clang) is installed: it builds the library")
+    return Library(build(tmp_path_factory.mktemp("library"), ("-O2", "-Wall", "-Wextra", "-Werror")))
+
+
+@pytest.fixture(scope="session")
+def sources() -> Path:
+    import ldsim.runtime
+
+    return Path(ldsim.runtime.__file__).parent

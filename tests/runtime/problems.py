@@ -1,0 +1,156 @@
+"""Small models of every kind, and motions that pull, let go, tip gravity and move pins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldsim.arrays import Array
+from ldsim.cubature.rule import CubatureRule
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.materials import MATERIALS, material_number
+from ldsim.mechanics.motion import Motion, Support
+from ldsim.mechanics.pins import MovedPins
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.basis import Basis, inner_product
+from ldsim.space.compliance import Compliance
+from ldsim.space.decoder import Decoder
+from ldsim.space.encoder import IDENTITY
+from ldsim.space.lifting import Lifting
+from ldsim.space.novelty import Novelty
+from ldsim.space.pca import orthonormalised
+from ldsim.space.space import Space
+from tests.helpers import reduced_space, scene
+
+K, R = 6, 4
+
+
+def body(material: str = "neo_hookean", resolution: int = 1) -> Scene:
+    """A beam with a dead load that differs from vertex to vertex, pinned at its left."""
+    solid = scene(beam(resolution=resolution), material, youngs_modulus=5e4)
+    load = np.random.default_rng(2).normal(size=solid.mesh.vertices.shape)
+    return replace(solid, load=load * 0.3 * np.abs(solid.external_force).max())
+
+
+def smooth_basis(solid: Scene, k: int = K) -> Array:
+    """Smooth displacements that vanish at the pins, mass-orthonormal, (3n, k)."""
+    x, rng = solid.mesh.vertices, np.random.default_rng(0)
+    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
+    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(solid.mass, "mass")).matrix
+
+
+def curved(activation: str = "elu", skip: bool = True, layers: int = 2) -> Decoder:
+    """A decoder that bends; without a skip, or with one layer alone, it is as the paper's."""
+    rng = np.random.default_rng(1)
+    widths = [R, *[8] * (layers - 1), K]
+    weights = [rng.normal(size=pair) for pair in zip(widths, widths[1:], strict=False)]
+    weights[-1] *= 0.02 if skip else 0.1
+    biases = [rng.normal(size=width) for width in widths[1:]]
+    return Decoder.network(weights, biases, activation, np.eye(R, K) if skip else None)
+
+
+def thinned(solid: Scene) -> CubatureRule:
+    """Every third quadrature point, in place of its neighbours."""
+    points = np.arange(0, solid.points.n_points, 3)
+    return CubatureRule(points, 3 * solid.points.weights[points], 0.0)
+
+
+def latent(material: str = "neo_hookean", decoder: Decoder | None = None) -> Space:
+    solid = body(material)
+    rng = np.random.default_rng(5)
+    novelty = Novelty(0.01 * rng.normal(size=(12, R)), 0.02, 1.5)
+    space = reduced_space(solid, smooth_basis(solid), curved() if decoder is None else decoder, thinned(solid))
+    return replace(space, novelty=novelty)
+
+
+def linear(material: str = "neo_hookean") -> Space:
+    solid = body(material)
+    return reduced_space(solid, smooth_basis(solid), None, thinned(solid))
+
+
+def mixed() -> Space:
+    """Two materials, whose points alternate until they are sorted, and a basis that is not orthonormal in the mass."""
+    solid = body()
+    material = solid.material.copy()
+    material[::2] = material_number("stable_neo_hookean")
+    solid = replace(solid, material=material)
+    U = smooth_basis(solid) @ (np.eye(K) + 0.2 * np.random.default_rng(3).normal(size=(K, K)))
+    return reduced_space(solid, U, curved(), thinned(solid))
+
+
+def condensed(material: str = "neo_hookean") -> Space:
+    """z, functions of it that virtual points see, and slaved coordinates that they do not."""
+    solid = body(material, resolution=2)  # so large that its factor has several supernodes
+    U = smooth_basis(solid, R + 2)
+    columns = np.concatenate([U[:, :R], np.zeros((len(U), 3)), U[:, R:]], axis=1)
+    basis = Basis.of(columns, solid.mass)
+    rng, k = np.random.default_rng(4), R + 5
+    layers = [rng.normal(size=(R, 8)), rng.normal(size=(8, k)) * 0.02]
+    layers[1][:, :R] = 0.0
+    decoder = Decoder.network(layers, [rng.normal(size=8), np.zeros(k)], "tanh", np.eye(R, k))
+    points = np.arange(0, solid.points.n_points, 11)
+    maps, weights = np.zeros((len(points), 9, k)), 11 * solid.points.weights[points]
+    stiff = CubatureRule(points, weights, 0.0).strain_maps(solid, columns)
+    maps[:, :, :R] = stiff[:, :, :R]
+    maps[:, :, R : R + 3] = rng.normal(size=(len(points), 9, 3)) * np.abs(stiff).mean()
+    number = material_number(material)
+    rule = CubatureRule(points, weights, 0.0, maps, material=number)
+    compliance = Compliance(solid, basis.columns(R))
+    return Space("latent", solid, basis, decoder, IDENTITY, rule, compliance=compliance)
+
+
+def with_moving_pins() -> Space:
+    space = latent()
+    solid = space.scene
+    held = np.flatnonzero(solid.pinned)
+    steps = np.tile(np.eye(3, 4), (2, 1, 1))
+    halves = held[: len(held) // 2], held[len(held) // 2 :]
+    motion = Motion("move", 2, (), None, tuple(Support(half, steps) for half in halves))
+    return space.with_lifting(Lifting.of(solid, [motion]))
+
+
+SPACES = {f"latent {name}": lambda name=name: latent(name) for name in MATERIALS}
+SPACES |= {f"linear {name}": lambda name=name: linear(name) for name in MATERIALS}
+SPACES |= {f"condensed {name}": lambda name=name: condensed(name) for name in ("neo_hookean", "fixed_corotated")}
+SPACES |= {f"latent {name}": lambda name=name: latent(decoder=curved(name)) for name in ACTIVATIONS}
+SPACES |= {
+    "latent without skip": lambda: latent(decoder=curved(skip=False)),
+    "latent of one layer": lambda: latent(decoder=curved(layers=1)),
+    "latent of four layers": lambda: latent(decoder=curved(layers=4)),
+    "latent of two materials": mixed,
+    "latent with moving pins": with_moving_pins,
+}
+
+
+def loads(space: Space, frames: int) -> Iterator[Loads]:
+    """Two grabs that come, drag, overlap and go again and again; gravity that tips; pins that rock."""
+    solid = space.scene
+    x, reach = solid.mesh.vertices, 0.25 * solid.mesh.diagonal
+    tip = np.flatnonzero(x[:, 0] > x[:, 0].max() - 1e-9)
+    middle = np.flatnonzero(np.abs(x[:, 0] - x[:, 0].mean()) < 0.2 * np.ptp(x[:, 0]))[:5]
+    for frame in range(frames):
+        t = frame * solid.time_step
+        grabs = []
+        for held, start, stop, k in ((tip, 10, 70, 500.0), (middle, 50, 90, 300.0)):
+            if start <= frame % 120 < stop:
+                way = reach * np.array([0.2 * np.sin(3 * t), np.sin(7 * t), 0.6 * np.cos(5 * t)])
+                grabs.append(Grab(held, x[held].mean(axis=0) + way, k))
+        angle = 0.5 * np.sin(t)
+        gravity = np.array([0.0, -9.81 * np.cos(angle), 9.81 * np.sin(angle)]) if frame % 200 > 100 else None
+        yield Loads(tuple(grabs), gravity, _rocking(space, t))
+
+
+def _rocking(space: Space, t: float) -> tuple[MovedPins, ...]:
+    if space.lifting is None:
+        return ()
+    low, high = space.lifting.supports
+    map: NDArray[np.float64] = np.eye(3, 4)
+    map[1, 0], map[1, 3] = 0.1 * np.sin(4 * t), 0.01 * np.sin(6 * t)
+    return (MovedPins(low, map), MovedPins(high, map)) if t > 0.1 else ()

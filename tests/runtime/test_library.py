@@ -1,0 +1,183 @@
+"""What a host does with the C library besides stepping: it behaves as the simulator in Python, and refuses in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.errors import SolverError
+from ldsim.mechanics.materials import MATERIALS
+from ldsim.runtime.library import Library, NativeModel, NativeSolid
+from ldsim.runtime.model_file import model_bytes
+from ldsim.simulator.records import Outcome
+from ldsim.simulator.simulator import Simulator
+from ldsim.space.space import Space
+from tests.runtime.problems import SPACES, latent, linear
+
+OUTCOMES = (Outcome.SOLVED, Outcome.SHORT, Outcome.SLOWED, Outcome.HELD)
+
+
+def pair(library: Library, space: Space, options: ReducedOptions = ReducedOptions()) -> tuple[Simulator, NativeSolid]:
+    simulator = Simulator(space, ReducedStepper(space, options))
+    return simulator, NativeSolid(NativeModel(library, model_bytes(space, options)))
+
+
+def tip(space: Space) -> Any:
+    x = space.scene.mesh.vertices
+    return x[x[:, 0].argmax()]
+
+
+@pytest.mark.parametrize("name", ["latent neo_hookean", "linear neo_hookean", "condensed neo_hookean"])
+def test_a_solid_is_grabbed_moved_stiffened_and_let_go_as_in_the_simulator(library: Library, name: str) -> None:
+    space = SPACES[name]()
+    simulator, solid = pair(library, space, ReducedOptions(tolerance=1e-8))
+    size, point = space.scene.mesh.diagonal, tip(space)
+    handle, grab = simulator.grab(point, point + 0.2 * size, 50.0), solid.grab(point, point + 0.2 * size, 50.0)
+
+    def compare() -> None:
+        for _ in range(15):
+            simulator.step()
+            solid.step()
+        np.testing.assert_allclose(solid.displacements(), simulator.displacement(), atol=1e-9 * size)
+
+    compare()
+    np.testing.assert_allclose(solid.centroid(grab), handle.centroid, atol=1e-9 * size)
+    np.testing.assert_allclose(solid.force(grab), handle.force, atol=1e-8 * np.linalg.norm(handle.force))
+    some = np.array([3, 0, 7])
+    np.testing.assert_array_equal(solid.displacement(some), solid.displacements()[some])
+    handle.move(point - 0.2 * size)
+    solid.move(grab, point - 0.2 * size)
+    compare()
+    # the usual stiffness and radius, where the solid now is
+    simulator.grab(point + 0.01 * size, point)
+    solid.grab(point + 0.01 * size, point)
+    compare()
+    simulator.material_scale = 0.3
+    solid.set_stiffness(0.3)
+    simulator.gravity = gravity = np.array([3.0, 1.0, -4.0])
+    solid.set_gravity(gravity)
+    compare()
+    handle.release()
+    solid.release(grab)
+    compare()
+    if space.novelty is not None:
+        assert solid.novelty == pytest.approx(simulator.novelty, rel=1e-6)
+    simulator.reset()
+    solid.reset()
+    compare()
+
+
+def test_a_model_without_landmarks_tells_no_novelty(library: Library) -> None:
+    assert np.isnan(pair(library, linear())[1].novelty)
+
+
+@pytest.mark.parametrize("name", ["latent neo_hookean", "condensed neo_hookean", "latent with moving pins"])
+def test_a_restored_state_goes_on_to_the_last_bit_there_and_in_another_solid(library: Library, name: str) -> None:
+    space = SPACES[name]()
+    solid = pair(library, space)[1]
+    size, point = space.scene.mesh.diagonal, tip(space)
+    first = solid.grab(point, point + 0.1 * size, 40.0)
+    solid.step()
+    solid.release(first)
+    kept = solid.grab(point, point + 0.2 * size, 40.0)
+    solid.set_gravity([0, 0, -5])
+    if space.lifting is not None:
+        solid.move_pins(1, np.eye(3, 4) + 0.01)
+    for _ in range(5):
+        solid.step()
+    saved = solid.save()
+
+    def further(on: NativeSolid) -> Any:
+        for step in range(12):
+            if step == 5:
+                on.move(kept, point - 0.1 * size)
+            on.step()
+        return on.displacements()
+
+    expected = further(solid)
+    solid.release(kept)
+    solid.grab(space.scene.mesh.vertices.mean(axis=0), point)
+    solid.set_stiffness(2.0)
+    solid.step()
+    other = NativeSolid(solid.model)
+    for continued in (solid, other):
+        continued.restore(saved)
+        assert continued is solid or continued.save() == saved
+        np.testing.assert_array_equal(further(continued), expected)
+
+
+@pytest.mark.parametrize("name", [f"latent {name}" for name in MATERIALS])
+def test_a_brutal_pull_comes_to_the_outcomes_of_the_simulator(library: Library, name: str) -> None:
+    """So far and so hard that steps are lost, slowed or held; what stays finite in Python does so in C."""
+    space = SPACES[name]()
+    simulator, solid = pair(library, space)
+    point, size = tip(space), space.scene.mesh.diagonal
+    outcomes = []
+    for k, way in ((1e7, 40.0), (1e9, -300.0), (1e12, 1e5)):
+        simulator.reset()
+        solid.reset()
+        simulator.grab(point, point + way * size, k)
+        solid.grab(point, point + way * size, k)
+        for _ in range(4):
+            outcomes.append((simulator.step().outcome, OUTCOMES[solid.step()[3]]))
+            assert np.isfinite(solid.displacements()).all()
+    assert {ours for ours, _ in outcomes} - {Outcome.SOLVED}
+    # what is torn apart hangs on rounding, so not every single step is the same
+    assert sum(ours == theirs for ours, theirs in outcomes) >= 0.7 * len(outcomes)
+
+
+REFUSED: dict[str, tuple[Callable[[NativeSolid], Any], str]] = {
+    "target": (lambda solid: solid.grab([0.0, 0.0, 0.0], [np.nan, 0, 0]), "an argument is out of range"),
+    "stiffness": (lambda solid: solid.grab_vertices(np.array([40]), [0, 0, 0], -1.0), "an argument is out of range"),
+    "vertex": (lambda solid: solid.grab_vertices(np.array([10**6]), [0, 0, 0]), "an argument is out of range"),
+    "no vertex": (lambda solid: solid.grab_vertices(np.array([], dtype=int), [0, 0, 0]), "an argument is out of"),
+    "displaced vertex": (lambda solid: solid.displacement(np.array([10**6])), "an argument is out of range"),
+    "far away": (lambda solid: solid.grab([99.0, 0, 0], [0, 0, 0]), "farther from the solid than half its diagonal"),
+    "pinned": (lambda solid: solid.grab([-0.1, 0, 0], [0, 0, 0], 1.0, 1e-6), "all vertices there are pinned"),
+    "moved": (lambda solid: solid.move(5, [0, 0, 0]), "there is no such grab"),
+    "released": (lambda solid: solid.release(0), "there is no such grab"),
+    "force": (lambda solid: solid.force(77), "there is no such grab"),
+    "gravity": (lambda solid: solid.set_gravity([0, np.inf, 0]), "an argument is out of range"),
+    "material": (lambda solid: solid.set_stiffness(0.0), "an argument is out of range"),
+    "support": (lambda solid: solid.move_pins(0, np.eye(3, 4)), "there is no such support"),
+    "state": (lambda solid: solid.restore(b"nothing"), "the saved state is of another model"),
+    "cut state": (lambda solid: solid.restore(solid.save()[:-8]), "the saved state is of another model"),
+    "changed state": (lambda solid: solid.restore(solid.save()[:-9] + b"9" * 9), "the saved state is of another model"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_done_is_refused_in_words_and_changes_nothing(library: Library, case: str) -> None:
+    solid = pair(library, latent())[1]
+    before = solid.save()
+    act, words = REFUSED[case]
+    with pytest.raises(SolverError, match=words):
+        act(solid)
+    assert solid.save() == before
+
+
+def test_no_more_grabs_than_a_solid_was_made_for(library: Library) -> None:
+    space = latent()
+    solid = NativeSolid(NativeModel(library, model_bytes(space)), 1)
+    first = solid.grab(tip(space), [0, 0, 0])
+    with pytest.raises(SolverError, match="as many grabs as the solid was created for; release one"):
+        solid.grab(tip(space), [0, 0, 0])
+    solid.release(first)
+    assert solid.grab(tip(space), [0, 0, 0]) != first
+
+
+def test_a_state_of_another_model_is_refused(library: Library) -> None:
+    one, other = pair(library, latent())[1], pair(library, latent("linear"))[1]
+    with pytest.raises(SolverError, match="the saved state is of another model"):
+        one.restore(other.save())
+
+
+def test_every_code_has_words_of_its_own(library: Library) -> None:
+    words = [library.functions.ldsim_message(code).decode() for code in range(20)]
+    assert len(set(words)) == 20 and "there is no such code" not in words
+    assert library.functions.ldsim_message(20).decode() == "there is no such code"
