@@ -36,7 +36,7 @@ class CondensedOptions(Options):
     points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
     columns: Annotated[int, Field(ge=1, description="Most columns of the basis of what is slaved to z.")] = 40
-    steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 4000
+    steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
 
 
 class TrainOptions(Options):

@@ -66,8 +66,8 @@ def size_table(reports: list[Report], sizes: list[float]) -> str:
 def reconstruction_table(reports: list[Report]) -> str:
     methods = ("autoencoder", "pca_r", "pca_kp", "pca_k")
     lines = [
-        [f"{label}, {method}", *(pair((r["reconstruction"][role] or {}).get(method)) for r in reports)]
-        for role, label in (("train", "training"), ("heldout", "held out"))
+        [f"{role}, {method}", *(pair((r["reconstruction"][role] or {}).get(method)) for r in reports)]
+        for role in ("train", "validation", "test")
         for method in methods
     ]
     lines.append(["`rest_residual_mm`", *(number(r["rest_residual_mm"]) for r in reports)])

@@ -67,7 +67,7 @@ def test_a_grab_pulls_with_the_force_that_its_handle_tells(condensed: Experiment
     top = sim.scene.mesh.vertices[:, 1].argmax()
     target = sim.scene.mesh.vertices[top] + [0.02, 0.0, 0.0]
     handle = sim.grab(sim.scene.mesh.vertices[top], target, stiffness=50.0, radius=0.02)
-    for _ in range(400):
+    for _ in range(1000):
         sim.step()
     assert handle.force[0] > 0
     np.testing.assert_allclose(handle.force, 50.0 * (target - handle.centroid))
