@@ -119,7 +119,6 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
     rows = [
         row(name, "r", model.decoder.r, "", "<= 16"),
         row(name, "cells", run.scene.mesh.n_cells),
-        row(name, "train stage", float(run.header("model").notes["seconds"]), "s", "<= 600"),
         row(name, "peak memory of the train stage", float(run.header("model").notes["peak_memory_mb"]), "MB"),
     ]
     if model.potential is not None:
