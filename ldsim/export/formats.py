@@ -12,7 +12,7 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.folder import replacing_folder
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
-from ldsim.export.c_library import write_c
+from ldsim.export.c_library import write_c, write_wasm
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
 from ldsim.export.paraview import write_vtu_series, write_xdmf
@@ -68,6 +68,7 @@ FORMATS: dict[str, Format] = {
     "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
     "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),
     "c": Format("the model and the C library that steps it, with an example", space=write_c),
+    "wasm": Format("the model and that library as WebAssembly, with an example in JavaScript", space=write_wasm),
     "playground": Format("one web page that simulates, without a server", ".html", model=write_playground),
 }
 

@@ -1,7 +1,7 @@
 """The static playground: the playground's page with the model inside, which simulates in the browser, with no server.
 
-The step is a port of ldsim/dynamics (web/src/stepping.js), and the model a safetensors file in base64. Nothing is
-loaded from anywhere, so it works from a disk.
+It steps by the C library (ldsim/runtime) as WebAssembly; library and models stand in it in base64. Nothing is loaded
+from anywhere, so it works from a disk.
 """
 
 from __future__ import annotations
@@ -9,42 +9,38 @@ from __future__ import annotations
 import base64
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ldsim.export.arrays import model_arrays, safetensors
-from ldsim.mechanics.materials import material_names
+from ldsim.export.arrays import default_pull
 from ldsim.report.camera import first_look
-from ldsim.run import Run
-from ldsim.web import PAGE_MATERIALS, bundle, inlined, playground, playground_style
+from ldsim.run import REDUCED, Run
+from ldsim.runtime import webassembly
+from ldsim.runtime.model_file import model_bytes
+from ldsim.web import bundle, inlined, playground, playground_style
 
 CELLS = {"tet4": "tetrahedra", "hex8": "hexahedra"}
-# Kept in float32, for size: they decide what is drawn and held, not how the solid moves.
-SINGLE = ("vertices", "basis", "latent/basis")
 
 
 def write_playground(run: Run, path: Path) -> None:
     """Write the page; both reduced spaces go into it, the latent one is shown first.
 
     Raises:
-        SceneError: the solid has a material that the page does not know.
+        SceneError: the solid has a material that the C library does not know.
     """
-    material_names(np.unique(run.scene.material).tolist(), PAGE_MATERIALS, "the exported page")
     mesh, space = run.scene.mesh, run.space("latent")
     cells = f"{mesh.n_cells:,} {CELLS[mesh.cell_type]}"
     subtitle = f"{cells}, moved by {space.r} numbers and {len(space.rule.points)} cubature points"
-    about = first_look(run.scene) | {"title": run.experiment, "subtitle": subtitle}
+    radius, stiffness = default_pull(run)
+    pull = {"radius": radius, "stiffness": stiffness}
+    about = first_look(run.scene) | {"title": run.experiment, "subtitle": subtitle, "pull": pull}
     script = (
         f'<script type="application/json" id="about">{inlined(about)}</script>\n'
-        f'<script type="application/octet-stream" id="model">{packed_model(run)}</script>\n'
+        f'<script type="application/json" id="model">{inlined(packed(run))}</script>\n'
         f"<script>{bundle('playground')}</script>"
     )
     path.write_text(playground(f"<style>{playground_style()}</style>", script), encoding="utf-8")
 
 
-def packed_model(run: Run) -> str:
-    """The model's arrays as safetensors in base64."""
-    arrays: dict[str, NDArray[np.generic]] = {
-        name: values.astype(np.float32) if name in SINGLE else values for name, values in model_arrays(run).items()
-    }
-    return base64.b64encode(safetensors(arrays, {"experiment": run.experiment})).decode("ascii")
+def packed(run: Run) -> dict[str, str]:
+    """The library and the models in base64; bases in float32, for size."""
+    files = {"runtime": webassembly()}
+    files |= {name: model_bytes(run.space(name), single=True) for name in REDUCED}
+    return {name: base64.b64encode(data).decode("ascii") for name, data in files.items()}

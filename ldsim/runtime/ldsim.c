@@ -15,7 +15,9 @@
 
 #include <float.h>
 #include <math.h>
+#ifndef LDSIM_NO_FILES
 #include <stdio.h>
+#endif
 #include <stdlib.h>
 #include <string.h>
 
@@ -675,6 +677,7 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     return LDSIM_OK;
 }
 
+#ifndef LDSIM_NO_FILES
 int ldsim_load_file(const char *path, ldsim_model **model)
 {
     if (!path || !model) return LDSIM_BAD_ARGUMENT;
@@ -690,6 +693,7 @@ int ldsim_load_file(const char *path, ldsim_model **model)
     free(bytes);
     return code;
 }
+#endif
 
 void ldsim_free(ldsim_model *model) { free(model); }
 
@@ -706,6 +710,19 @@ void ldsim_describe(const ldsim_model *M, ldsim_info *info)
 const double *ldsim_rest(const ldsim_model *M) { return M->rest; }
 
 const uint32_t *ldsim_triangles(const ldsim_model *M) { return M->triangles; }
+
+const uint32_t *ldsim_movable(const ldsim_model *M) { return M->movable; }
+
+static double basis_entry(const ldsim_model *M, size_t i) { return M->basis64 ? M->basis64[i] : M->basis32[i]; }
+
+int ldsim_fields(const ldsim_model *M, const uint32_t *vertices, uint32_t count, float *fields)
+{
+    const size_t row = 3 * (size_t)M->m;
+    if (!vertices || !fields || !all_below(vertices, count, M->n.vertices)) return LDSIM_BAD_ARGUMENT;
+    for (uint32_t i = 0; i < count; i++)
+        for (size_t e = 0; e < row; e++) fields[i * row + e] = (float)basis_entry(M, vertices[i] * row + e);
+    return LDSIM_OK;
+}
 
 /* ---- The decoder: f(z) = N(z) - N(0) + A z, the identity where there are no layers ----------------------------------- */
 
@@ -1215,8 +1232,6 @@ static void find_field(ldsim_solid *S, int i)
 
 /* ---- Grabs ----------------------------------------------------------------------------------------------------------- */
 
-static double basis_entry(const ldsim_model *M, size_t i) { return M->basis64 ? M->basis64[i] : M->basis32[i]; }
-
 /* u (3,) of one vertex in the present state. */
 static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
 {
@@ -1675,6 +1690,8 @@ int ldsim_displacement(const ldsim_solid *S, const uint32_t *vertices, uint32_t 
 }
 
 const double *ldsim_coordinates(const ldsim_solid *S) { return S->now.z; }
+
+const double *ldsim_features(const ldsim_solid *S) { return S->now.f; }
 
 double ldsim_novelty(const ldsim_solid *S)
 {

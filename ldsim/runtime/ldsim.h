@@ -86,11 +86,14 @@ const char *ldsim_message(int code);
 
 /* The bytes are copied; they need not outlive the call. */
 int ldsim_load(const void *bytes, size_t size, ldsim_model **model);
-int ldsim_load_file(const char *path, ldsim_model **model);
+int ldsim_load_file(const char *path, ldsim_model **model); /* left out where LDSIM_NO_FILES is defined */
 void ldsim_free(ldsim_model *model); /* after all of its solids are destroyed */
 void ldsim_describe(const ldsim_model *model, ldsim_info *info);
 const double *ldsim_rest(const ldsim_model *model);        /* positions at rest, (vertices, 3) */
 const uint32_t *ldsim_triangles(const ldsim_model *model); /* of the surface, outward, (triangles, 3) */
+const uint32_t *ldsim_movable(const ldsim_model *model);   /* 0 where pinned, (vertices,) */
+/* What each feature moves some vertices, (count, 3, features): for a graphics card to draw sum_j fields_j feature_j. */
+int ldsim_fields(const ldsim_model *model, const uint32_t *vertices, uint32_t count, float *fields);
 
 /* A solid at rest, with room for so many grabs at once, at most LDSIM_MAX_GRABS. */
 int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid);
@@ -120,7 +123,8 @@ ldsim_outcome ldsim_step(ldsim_solid *solid, ldsim_record *record);
 /* Displacements of all vertices, (vertices, 3), or of some. */
 void ldsim_displacements(const ldsim_solid *solid, double *u);
 int ldsim_displacement(const ldsim_solid *solid, const uint32_t *vertices, uint32_t count, double *u);
-const double *ldsim_coordinates(const ldsim_solid *solid); /* z, (r,) */
+const double *ldsim_coordinates(const ldsim_solid *solid); /* z, (r,); where it lies changes with every step */
+const double *ldsim_features(const ldsim_solid *solid);    /* (features,); likewise */
 /* How far the shape is from the training data: from 1 on, beware. NaN where the model does not tell. */
 double ldsim_novelty(const ldsim_solid *solid);
 

@@ -18,12 +18,15 @@ from ldsim.dynamics.reduced.potential import Reduced
 from ldsim.dynamics.reduced.stepper import MovingPins, ReducedStepper
 from ldsim.errors import ExportError
 from ldsim.mechanics.grabs import usual_grip
+from ldsim.mechanics.materials import material_names
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import Surface
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 from ldsim.space.space import Space
 
+# In the order of ldsim.c; another one is refused by its name.
+KNOWN = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 1, 256
 MAX_LAYERS = 8
 Arrays = dict[str, NDArray[np.generic]]
@@ -46,6 +49,7 @@ def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, sin
 
     Raises:
         ExportError: the library does not have what is asked for.
+        SceneError: it does not have a material.
     """
     if options.method != "bfgs" or not options.current:
         raise ExportError(
@@ -77,6 +81,7 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     scene, basis = space.scene, space.reduced_basis
     compiled = ReducedStepper(space, options).compiled()[0]
     layers, novelty, condensed = compiled.layers, space.novelty, space.compliance is not None
+    material_names(compiled.kind.tolist(), KNOWN, "the C library")
     moving = space.lifting is not None and space.lifting.count > 0
     if condensed and moving:
         raise ExportError("the C library has no condensed model whose pins move")

@@ -6,15 +6,17 @@ import json
 import re
 from importlib.resources import files
 
-__all__ = ["PAGE_MATERIALS", "bundle", "inlined", "page", "playground", "playground_style"]
-
-# The materials that tools/port.py translates for the page that steps by itself; another is refused there by its name.
-PAGE_MATERIALS = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
+__all__ = ["bundle", "inlined", "page", "playground", "playground_style", "script"]
 
 
 def bundle(name: str) -> str:
     """The script of one kind of page, "report" or "playground": it imports nothing and keeps its names to itself."""
     return files("ldsim.web").joinpath("bundles", f"{name}.js").read_text(encoding="utf-8")
+
+
+def script(name: str) -> str:
+    """A module of src/ that stands on its own."""
+    return files("ldsim.web").joinpath("src", name).read_text(encoding="utf-8")
 
 
 def page(name: str) -> str:

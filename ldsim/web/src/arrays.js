@@ -1,8 +1,7 @@
-// Numbers that come to a page: in base64 inside it, as safetensors (ldsim/export/arrays.py), or in a block of the server.
+// Numbers that come to a page: in base64 inside it, or in a block of the server.
 
 const TYPES = {
   f4: Float32Array, u2: Uint16Array, i2: Int16Array, float32: Float32Array, uint32: Uint32Array,
-  F64: Float64Array, F32: Float32Array, I32: Int32Array, I8: Int8Array, U8: Uint8Array,
 };
 
 export function decoded(base64) {
@@ -13,17 +12,6 @@ export function decoded(base64) {
 export const unpacked = ([type, base64]) => new TYPES[type](decoded(base64));
 
 const json = (buffer, start, length) => JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, start, length)));
-
-/** name → { data, shape } of a safetensors file, without a copy: its arrays are aligned. */
-export function readSafetensors(buffer) {
-  const length = Number(new DataView(buffer).getBigUint64(0, true));
-  const { __metadata__: notes, ...entries } = json(buffer, 8, length), arrays = { notes };
-  for (const [name, { dtype, shape, data_offsets: [start, stop] }] of Object.entries(entries)) {
-    const type = TYPES[dtype];
-    arrays[name] = { data: new type(buffer, 8 + length + start, (stop - start) / type.BYTES_PER_ELEMENT), shape };
-  }
-  return arrays;
-}
 
 /** A block of the server (ldsim/viewer/payload.py): its header with every array under its name. */
 export async function fetchBlock(name) {

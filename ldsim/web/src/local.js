@@ -1,43 +1,43 @@
 // The model inside the page, in the place of a server: obeys the page, steps at the pace of time, and hands out frames.
 
-import { decoded, readSafetensors } from "./arrays.js";
+import { decoded } from "./arrays.js";
 import { everyPicture } from "./dom.js";
-import { basisOf, held, spaceOf, springOn } from "./model.js";
-import { Stepper } from "./stepping.js";
-import { inner, minus } from "./vector.js";
+import { Model, Solid, runtimeOf } from "./solid.js";
+import { minus } from "./vector.js";
 
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
 const PATIENCE = 20; // steps in a row that may be lost before the solid starts again
 
-/** Rows of a table, of which the first k columns. */
-function taken({ data, shape }, rows, k) {
-  const out = new Float32Array(rows.length * k), columns = shape.at(-1);
-  rows.forEach((row, i) => out.set(data.subarray(row * columns, row * columns + k), i * k));
-  return out;
-}
+const HELD = 3; // an outcome of ldsim_step
+const MOST = 16; // pulls at once
 
 export class Local {
-  /** about: what Python says of the solid; packed: the model as safetensors in base64 (ldsim/export/playground.py). */
-  constructor(about, packed) {
-    const arrays = readSafetensors(decoded(packed)), { vertices, movable, surface_triangles: triangles } = arrays;
-    const surface = Array.from(new Set(triangles.data)).sort((a, b) => a - b); // the vertices on the surface
-    const number = new Map(surface.map((v, i) => [v, i])), coordinates = surface.flatMap((v) => [3 * v, 3 * v + 1, 3 * v + 2]);
-    Object.assign(this, { arrays, h: arrays.time_step.data[0], radius: arrays.pull_radius.data[0], pulls: new Map() });
-    this.look = { gravity: Array.from(arrays.gravity.data), stiffness: 1, speed: 1, paused: false, colour: "plain" };
-    this.steppers = {};
+  /** about: what Python says of the solid; packed: the library and the models in base64 (ldsim/export/playground.py). */
+  static async open(about, packed) {
+    const bytes = (name) => new Uint8Array(decoded(packed[name]));
+    const runtime = await runtimeOf(bytes("runtime"));
+    return new Local(about, Object.fromEntries(["latent", "linear"].map((name) => [name, new Model(runtime, bytes(name))])));
+  }
+
+  constructor(about, models) {
+    const { rest, movable, triangles, timeStep, gravity } = models.latent;
+    const surface = Array.from(new Set(triangles)).sort((a, b) => a - b); // the vertices on the surface
+    const number = new Map(surface.map((v, i) => [v, i]));
+    Object.assign(this, { models, h: timeStep, pull: about.pull, pulls: new Map() });
+    this.look = { gravity, stiffness: 1, speed: 1, paused: false, colour: "plain" };
+    this.solids = {};
     this.blocks = {};
-    for (const space of ["latent", "linear"]) {
-      const model = spaceOf(arrays, space);
-      this.steppers[space] = new Stepper(model, this.h);
-      this.blocks[space] = { space, k: model.k, basis: taken(basisOf(arrays, space), coordinates, model.k) };
+    for (const [space, model] of Object.entries(models)) {
+      this.solids[space] = new Solid(model, MOST);
+      this.blocks[space] = { space, k: model.features, basis: model.fields(surface) };
     }
     this.block = {
       ...about,
       mode: "local",
-      gravity: this.look.gravity,
-      rest: taken(vertices, surface, 3),
-      triangles: Uint32Array.from(triangles.data, (v) => number.get(v)),
-      pinned: Uint32Array.from(surface, (v) => 1 - movable.data[v]),
+      gravity,
+      rest: Float32Array.from(surface.flatMap((v) => Array.from(rest.slice(3 * v, 3 * v + 3)))),
+      triangles: Uint32Array.from(triangles, (v) => number.get(v)),
+      pinned: Uint32Array.from(surface, (v) => 1 - movable[v]),
     };
     Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0 });
     this.spaces(["latent"]);
@@ -66,8 +66,7 @@ export class Local {
   }
 
   status() {
-    const offered = Object.keys(this.steppers);
-    return { ...this.look, kind: "status", offered, spaces: this.shown.map(({ space }) => space.name), recorder: null };
+    return { ...this.look, kind: "status", offered: Object.keys(this.solids), spaces: this.names, recorder: null };
   }
 
   // The clock
@@ -84,14 +83,14 @@ export class Local {
   }
 
   stepOnce() {
-    let lost = false;
-    this.shown.forEach((stepper, i) => {
-      const before = performance.now(), record = stepper.step(), taken = performance.now() - before;
+    let held = false;
+    this.shown.forEach((solid, i) => {
+      const before = performance.now(), record = solid.step(), taken = performance.now() - before;
       this.records[i] = { ...record, milliseconds: 0.9 * (this.records[i]?.milliseconds ?? taken) + 0.1 * taken };
-      lost ||= record.lost || !stepper.q.every(Number.isFinite);
+      held ||= record.outcome === HELD;
     });
     this.seconds += this.h;
-    this.failures = lost ? this.failures + 1 : 0;
+    this.failures = held ? this.failures + 1 : 0;
     if (this.failures <= PATIENCE) return;
     this.reset();
     this.handlers.notice({ text: "The pull turned a part of the solid inside out. It starts again from rest." });
@@ -99,36 +98,26 @@ export class Local {
 
   frame() {
     this.number += 1;
-    const idle = { milliseconds: 0, iterations: 0, evaluations: 0, converged: true };
-    const spaces = this.shown.map(({ q }, i) => {
-      const { converged, lost, ...record } = this.records[i] ?? idle;
-      return { ...record, q: Float32Array.from(q), outcome: lost ? 3 : converged ? 0 : 1, troubled: 0, novelty: NaN };
+    const idle = { milliseconds: 0, iterations: 0, evaluations: 0, outcome: 0 };
+    const spaces = this.shown.map(({ features, novelty }, i) => {
+      return { ...(this.records[i] ?? idle), q: Float32Array.from(features), troubled: 0, novelty };
     });
-    const grabs = Array.from(this.pulls, ([id, { target, springs }]) => {
-      return { id, target, centroids: springs.flatMap((spring, i) => this.centroid(spring, this.shown[i].q)) };
+    const grabs = Array.from(this.pulls, ([id, { target, grabs }]) => {
+      return { id, target, centroids: grabs.flatMap((grab, i) => this.shown[i].centroid(grab)) };
     });
     return { number: this.number, seconds: this.seconds, share: this.share, paused: this.look.paused, spaces, grabs };
-  }
-
-  centroid({ centre, B }, q) {
-    return [0, 1, 2].map((axis) => centre[axis] + inner(B[axis], q));
   }
 
   // What the page says, one method a message
 
   /** Takes hold around `point`, at rest; a pinned part is not held, and nothing is pulled. */
   grab({ id, point, target }) {
-    const { vertices, movable, pull_stiffness: stiffness } = this.arrays;
-    const found = held(vertices.data, movable.data, point, this.radius);
-    if (!found.length) return;
-    const springs = this.shown.map(({ space, q }) => {
-      const spring = springOn(vertices, basisOf(this.arrays, space.name), found, stiffness.data[0], space.k);
-      spring.grip = this.centroid(spring, q);
-      return spring;
-    });
-    this.pulls.set(id, { held: found, start: target, target, springs });
+    const { radius, stiffness } = this.pull, held = this.models.latent.held(point, radius);
+    if (!held.length || this.pulls.has(id) || this.pulls.size >= MOST) return;
+    const grabs = this.shown.map((solid) => solid.grab(held, target, stiffness));
+    const grips = this.shown.map((solid, i) => solid.centroid(grabs[i]));
+    this.pulls.set(id, { held, start: target, target, grabs, grips, aims: grips });
     this.move({ id, target });
-    this.springsChanged();
   }
 
   /** What is held follows the target from where it was: taking hold alone moves nothing. */
@@ -137,27 +126,21 @@ export class Local {
     if (!pull) return;
     pull.target = target;
     const way = minus(target, pull.start);
-    for (const { target, grip } of pull.springs) for (let i = 0; i < 3; i++) target[i] = grip[i] + way[i];
+    pull.aims = pull.grips.map((grip) => grip.map((x, i) => x + way[i]));
+    this.shown.forEach((solid, i) => solid.move(pull.grabs[i], pull.aims[i]));
   }
 
   release({ id }) {
+    const pull = this.pulls.get(id);
     this.pulls.delete(id);
-    this.springsChanged();
-  }
-
-  springsChanged() {
-    this.shown.forEach((stepper, i) => {
-      stepper.potential.springs = Array.from(this.pulls.values(), ({ springs }) => springs[i]);
-      stepper.renew();
-    });
+    if (pull) this.shown.forEach((solid, i) => solid.release(pull.grabs[i]));
   }
 
   /** Gravity and stiffness act from the next step on. */
   condition() {
-    for (const stepper of this.shown) {
-      stepper.potential.stiffer = this.look.stiffness;
-      stepper.potential.setGravity(this.look.gravity);
-      stepper.renew();
+    for (const solid of this.shown) {
+      solid.setGravity(this.look.gravity);
+      solid.setStiffness(this.look.stiffness);
     }
   }
 
@@ -168,13 +151,13 @@ export class Local {
 
   reset() {
     this.pulls.clear();
-    this.springsChanged();
-    for (const stepper of this.shown) stepper.reset();
+    for (const solid of this.shown) solid.reset();
     Object.assign(this, { records: [], failures: 0, owed: 0, seconds: 0 });
   }
 
   spaces(names) {
-    this.shown = names.map((name) => this.steppers[name]);
+    this.names = names;
+    this.shown = names.map((name) => this.solids[name]);
     this.reset();
     this.condition();
   }

@@ -138,7 +138,8 @@ class Page {
 async function start() {
   const model = byId("model"), overlay = byId("overlay");
   try {
-    const source = model ? new Local(JSON.parse(byId("about").textContent), model.textContent) : new Link();
+    const [about, packed] = model ? [byId("about"), model].map(({ textContent }) => JSON.parse(textContent)) : [];
+    const source = model ? await Local.open(about, packed) : new Link();
     model?.remove();
     const page = new Page(source, await source.solid());
     Object.defineProperty(window, "ldsim", { get: () => page.probe });

@@ -16,13 +16,6 @@ export const normalised = (a) => along([0, 0, 0], 1 / (length(a) || 1), a);
 /** Number i of a list of vectors, three numbers each. */
 export const at = (list, i) => [list[3 * i], list[3 * i + 1], list[3 * i + 2]];
 
-/** The inner product of two rows of any length. */
-export function inner(a, b) {
-  let total = 0;
-  for (let i = 0; i < a.length; i++) total += a[i] * b[i];
-  return total;
-}
-
 /** The corners of the box around a list of vectors. */
 export function box(list) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];

@@ -1,0 +1,136 @@
+"""The library as WebAssembly: made of the sources as they are, and its steps are those of Python."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.export.formats import Choice, export
+from ldsim.mechanics.grabs import held_vertices
+from ldsim.mechanics.motion import Drag
+from ldsim.mesh.shapes import beam
+from ldsim.run import Run
+from ldsim.runtime import webassembly
+from ldsim.runtime.model_file import model_bytes
+from ldsim.space.space import Space
+from tests.helpers import reduced_space, scene
+from tests.report.small_run import write_run
+from tests.runtime.javascript import NODE, needs_node, run_javascript
+from tests.runtime.problems import SPACES, latent, loads, smooth_basis
+from tools import wasm
+
+FRAMES = 1000
+TIGHT = ReducedOptions(tolerance=1e-8)
+# Pins do not move in a page, so its JavaScript does not know them.
+NAMES = [name for name in SPACES if "pins" not in name]
+PLAY = """
+result = given.map(({ model, frames }) => {
+  const solid = new Solid(unpacked(model)), grabs = new Map();
+  return frames.map(({ pulls, gravity }) => {
+    for (const [key, grab] of grabs) if (!(key in pulls)) (solid.release(grab), grabs.delete(key));
+    for (const [key, { vertices, target, stiffness }] of Object.entries(pulls)) {
+      if (grabs.has(key)) solid.move(grabs.get(key), target);
+      else grabs.set(key, solid.grab(vertices, target, stiffness));
+    }
+    solid.setGravity(gravity);
+    const { iterations, outcome } = solid.step();
+    return { iterations, outcome, features: Array.from(solid.features) };
+  });
+});
+"""
+
+
+def test_the_committed_module_is_made_of_the_sources_as_they_are() -> None:
+    assert webassembly().endswith(wasm.stamp()), "run `python -m tools.wasm` (pip install -e '.[wasm]') and commit it"
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed: it compiles to wasm")
+def test_compiled_again_the_module_is_the_same() -> None:
+    assert wasm.compiled() + wasm.stamp() == webassembly()
+
+
+def played(space: Space) -> dict[str, Any]:
+    """A model and what acts on it in each frame, for `PLAY`."""
+    frames = [
+        {
+            "pulls": {
+                str(grab.vertices[0]): {
+                    "vertices": grab.vertices.tolist(),
+                    "target": grab.target.tolist(),
+                    "stiffness": grab.stiffness,
+                }
+                for grab in acting.grabs
+            },
+            "gravity": (space.scene.gravity if acting.gravity is None else acting.gravity).tolist(),
+        }
+        for acting in loads(space, FRAMES)
+    ]
+    return {"model": base64.b64encode(model_bytes(space, TIGHT)).decode(), "frames": frames}
+
+
+@needs_node
+def test_a_thousand_frames_with_grabs_agree_in_every_space_and_material() -> None:
+    spaces = [SPACES[name]() for name in NAMES]
+    found = run_javascript(PLAY, [played(space) for space in spaces])
+    for name, space, frames in zip(NAMES, spaces, found, strict=True):
+        stepper = ReducedStepper(space, TIGHT)
+        state = stepper.rest()
+        coordinates = []
+        for acting in loads(space, FRAMES):
+            state, _ = stepper.step(state, acting)
+            coordinates.append(state.q)
+        U = space.reduced_basis.matrix
+        expected = np.array(coordinates) @ U.T
+        u = np.array([frame["features"] for frame in frames]) @ U.T
+        assert {frame["outcome"] for frame in frames} == {0}, name
+        assert np.abs(u - expected).max() <= 1e-9 * np.abs(expected).max(), name
+
+
+@needs_node
+def test_a_pull_in_a_page_takes_hold_of_the_same_vertices() -> None:
+    body = scene(beam(resolution=2))
+    space = reduced_space(body, smooth_basis(body), rule=CubatureRule(np.arange(3), np.ones(3), 0.0))
+    x = body.mesh.vertices
+    point, radius = x[x[:, 0].argmax()] + 1e-3, 0.7 * np.ptp(x[:, 1])
+    expected = held_vertices(Drag(0, point, point[None], radius, 1.0), x, body.movable, body.mesh.diagonal)
+    given = {"model": base64.b64encode(model_bytes(space)).decode(), "point": point.tolist(), "radius": radius}
+    assert 1 < len(expected) < body.mesh.n_vertices / 2
+    assert run_javascript("result = unpacked(given.model).held(given.point, given.radius);", given) == expected.tolist()
+
+
+@needs_node
+def test_what_a_page_draws_by_and_what_it_is_refused() -> None:
+    space = latent()
+    program = """
+    const model = unpacked(given), some = [5, 0], fields = Array.from(model.fields(some));
+    const words = [];
+    const attempts = [() => unpacked(btoa("nothing")), () => new Solid(model).release(3), () => model.fields([1e6])];
+    for (const attempt of attempts) try { attempt(); } catch (error) { words.push(error.message); }
+    result = { fields, words, rest: Array.from(model.rest), gravity: model.gravity, h: model.timeStep };
+    """
+    found = run_javascript(program, base64.b64encode(model_bytes(space, single=True)).decode())
+    basis = space.reduced_basis.fields.astype(np.float32)
+    np.testing.assert_array_equal(found["fields"], basis[[5, 0]].ravel())
+    np.testing.assert_array_equal(found["rest"], space.scene.mesh.vertices.ravel())
+    assert found["gravity"] == space.scene.gravity.tolist() and found["h"] == space.scene.time_step
+    told = ("this is no model of ldsim", "there is no such grab", "an argument is out of range")
+    assert all(words.startswith(start) for words, start in zip(found["words"], told, strict=True))
+
+
+@needs_node
+def test_the_exported_example_runs_in_node(tmp_path: Path) -> None:
+    write_run(tmp_path)
+    with Run.open(tmp_path) as run:
+        folder, _ = export(run, Choice("wasm"), tmp_path / "made")
+    done = subprocess.run([str(NODE), "example.mjs"], cwd=folder, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 5 and "held at" in done.stdout
