@@ -103,7 +103,9 @@ class _Poses:
         size = np.sqrt(np.mean(np.sum(y**2, axis=1)))
         self._to_z = LENGTH * size * np.linalg.inv(root)
         some = [displacement(int(number)).astype(np.float64) for number in rng.permutation(len(z))[:TYPICAL]]
-        self._typical = float(np.mean([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some]))
+        energies = np.array([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some])
+        # a synthetic pose may be inverted somewhere, where some materials have infinite energy
+        self._typical = float(energies[np.isfinite(energies)].sum() / len(energies))
 
     @property
     def wanted(self) -> int:
@@ -241,7 +243,7 @@ def _samples(pieces: list[_Piece], slaved: Basis, relaxation: Relaxation) -> Con
 
 
 def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:
-    stiffness = [piece.read()["stiffness"] for piece in pieces]
+    stiffness = [np.asarray(piece.read()["stiffness"], dtype=np.float64) for piece in pieces]
     lost = wanted - sum(map(len, stiffness))
     if lost == wanted:
         raise SolverError(
