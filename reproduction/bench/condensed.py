@@ -33,7 +33,7 @@ from ldsim.space.space import Space
 from reproduction.bench.space import errors, worth
 from reproduction.bench.space_parts import STOP, measure_stepped
 from reproduction.harness import Row, called, parser, row, show, write_results
-from reproduction.reduced_runs import WINDOW, played, reference
+from reproduction.reduced_runs import played, reference
 from reproduction.rivals.every_element import EveryElement
 
 NAME = "condensed"
@@ -133,7 +133,7 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
         label = f"{motion} ({run.recorded(motion).role})"
         for k in (k for k in swept if k <= run.basis.k):
             space = Space.linear(run.scene, run.basis, k)
-            online = played(EveryElement(space), reference(run, motion), WINDOW).relative_error
+            online = played(EveryElement(space), reference(run, motion)).relative_error
             rows.append(row(name, f"online error, {label}, linear {k}", online))
         rows += floors(run, motion, label)
         linear = errors(rows, label, "linear")
