@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,9 @@ from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import STAGES, Settings
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not installed
 
 HERE = Path(__file__).parent / "reference"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
@@ -119,8 +123,9 @@ NOTES = {
 
 
 def pages() -> dict[Path, str]:
-    """Every generated page with its text."""
-    return {
+    """Every generated page, and every page with generated numbers, with its text."""
+    measured = {page: filled(page.read_text(encoding="utf-8")) for page in PAGES}
+    return measured | {
         HERE / "settings.md": settings_page(),
         HERE / "schema.json": json.dumps(Settings.model_json_schema(), indent=2, ensure_ascii=False) + "\n",
         HERE / "artefacts.md": artefacts_page(),

@@ -28,6 +28,7 @@ from ldsim.pipeline.train import train
 from ldsim.report.machine import describe_machine
 from ldsim.run import Run
 from ldsim.settings import STAGES, Settings, input_files, settings_of
+from reproduction.pages import input_hashes
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduction" / "results"
@@ -114,14 +115,19 @@ def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path
 
 def up_to_date(folder: Path, settings: Settings, stage: str) -> bool:
     """Whether a stage's artefact is whole and was made with these settings from the files that lie there."""
-    kind = WRITES[stage]
+    wanted = {WRITES[stage]: settings.section(stage)}
+    if stage == "snapshot":
+        wanted = {"snapshots": settings.snapshot.learned, "tests": settings.snapshot.tests}
     with Run(folder, settings.experiment) as run:
-        try:
-            header = run.header(kind)
-            run.require(kind, *header.inputs)
-        except ArtefactError:
-            return False
-    return header.settings == settings.section(stage).dump()
+        for kind, section in wanted.items():
+            try:
+                header = run.header(kind)
+                run.require(kind, *header.inputs)
+            except ArtefactError:
+                return False
+            if header.settings != section.dump():
+                return False
+    return True
 
 
 def linked(source: Path, folder: Path, kinds: Sequence[str]) -> Path:
@@ -164,12 +170,18 @@ def called(name: str, room: str = "bench") -> str:
     return " ".join(["python -m", f"reproduction.{room}.{name}", *words])
 
 
-def origin(command: str, machine: Mapping[str, Any] | None = None, created: str | None = None) -> dict[str, Any]:
+def origin(
+    command: str,
+    machine: Mapping[str, Any] | None = None,
+    created: str | None = None,
+    inputs: Sequence[str] = (),
+) -> dict[str, Any]:
     """Where results come from: machine and versions, command, commit and time.
 
     Args:
         machine: where it was measured, as `describe_machine` says it; by default here.
         created: when, in ISO format; by default now.
+        inputs: files and folders of the project that they depend on; where one changes, pages say that they are stale.
     """
     described = describe_machine() if machine is None else machine
     return {
@@ -178,6 +190,7 @@ def origin(command: str, machine: Mapping[str, Any] | None = None, created: str 
         "command": command,
         "commit": _commit(),
         "created": created or datetime.now(UTC).isoformat(timespec="seconds"),
+        "inputs": input_hashes(inputs),
     }
 
 
@@ -187,10 +200,11 @@ def write_results(
     rows: Sequence[Row],
     machine: Mapping[str, Any] | None = None,
     created: str | None = None,
+    inputs: Sequence[str] = (),
 ) -> Path:
     """Write results/NAME.json, which is committed, so that history shows; returns the file. See `origin`."""
     path = RESULTS / f"{name}.json"
-    write_json(path, origin(command, machine, created) | {"rows": rows})
+    write_json(path, origin(command, machine, created, inputs) | {"rows": rows})
     return path
 
 

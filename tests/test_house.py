@@ -20,7 +20,7 @@ from ldsim.settings import STAGES, Settings, load_settings
 
 PACKAGE = Path(ldsim.__file__).parent
 ROOT = Path(__file__).parent.parent
-CONFIGURATIONS = sorted((ROOT / "configs").glob("*.yaml"))
+CONFIGURATIONS = sorted((ROOT / "configs").rglob("*.yaml"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 JAVASCRIPT_LINES, COMMAND_LINES = 2_500, 40
 

@@ -87,7 +87,7 @@ class CubatureOptions(FitOptions):
     ] = None
     equal_points: Annotated[
         bool,
-        Field(description="Give the linear space of kp columns as many points as the latent one (paper, Table 1)."),
+        Field(description="Give the linear spaces as many points as the latent one has (paper, Table 1)."),
     ] = False
     poses: Annotated[int, Field(ge=1, description="Poses of the training motions to fit.")] = 400
     heldout_poses: Annotated[int, Field(ge=1, description="Poses of the training motions kept back from the fit.")] = (

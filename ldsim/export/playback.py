@@ -89,7 +89,8 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
         ExportError: there is no such motion or space, or the run diverged in its first frame.
     """
     space = run.chosen if space == AUTO else space
-    _known("space", space, SPACES if space in SPACES else ("full", *run.simulation))
+    if space not in SPACES:
+        _known("space", space, (*SPACES, *(name for name in run.simulation if name not in SPACES)))
     motions = run.played.names
     if space == "full":
         return _full(run, _known("motion", motion or motions[0], motions))

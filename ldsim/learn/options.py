@@ -73,7 +73,15 @@ class TrainOptions(Options):
     ] = 0.5
     epochs: Annotated[int, Field(ge=1, description="Passes over the training snapshots.")] = 400
     batch: Annotated[int, Field(ge=1, description="Snapshots in one gradient.")] = 256
-    learning_rate: Annotated[float, Field(gt=0, lt=1, description="Of SOAP, falling along a cosine.")] = 1e-2
+    optimiser: Annotated[
+        Literal["soap", "adam"], Field(description="SOAP (docs/guide/reduced_space.md), or the paper's Adam.")
+    ] = "soap"
+    schedule: Annotated[
+        Literal["cosine", "fixed"], Field(description="The rate falls along a cosine, or is the paper's fixed one.")
+    ] = "cosine"
+    learning_rate: Annotated[
+        float, Field(gt=0, lt=1, description="Of the optimiser, at first; the paper's is 0.001.")
+    ] = 1e-2
     validation_share: Annotated[
         float, Field(gt=0, lt=0.9, description="Share of frames kept back to choose the weights.")
     ] = 0.03

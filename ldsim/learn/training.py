@@ -37,6 +37,7 @@ CHECKPOINT = 50
 # Poses of the equilibrium loss beside each batch.
 POSES = 32
 FINAL_RATE = 1e-3
+OPTIMISERS = {"soap": Soap, "adam": torch.optim.Adam}
 # Coordinates smaller than this share of the largest are treated as if they were as large.
 LEAST_SPREAD = 1e-5
 
@@ -146,7 +147,7 @@ def _device(name: str) -> torch.device:
 
 
 class _Fit:
-    """One training: SOAP on a cosine; keeps the weights of the lowest validation loss of its last phase."""
+    """One training; keeps the weights of the lowest validation loss of its last phase."""
 
     def __init__(self, examples: Examples, r: int, options: TrainOptions, ordered: bool = False) -> None:
         self.scale, self.examples = _checked_scale(examples.q, r, options), examples
@@ -163,7 +164,9 @@ class _Fit:
         with torch.random.fork_rng():
             torch.manual_seed(options.seed)
             self.model = Autoencoder(r, self.spread, options).to(self.device)
-        self.optimiser = Soap(self.model.parameters(), options.learning_rate)
+        self.optimiser: torch.optim.Optimizer = OPTIMISERS[options.optimiser](
+            self.model.parameters(), lr=options.learning_rate
+        )
         self.losses: list[tuple[float, float]] = []
         self.best, self.best_epoch, self.best_weights = math.inf, -1, dict[str, torch.Tensor]()
         self.forces = self._forces() if options.equilibrium else None
@@ -233,6 +236,8 @@ class _Fit:
 
     def _set_rate(self, share: float) -> None:
         rate = self.options.learning_rate
+        if self.options.schedule == "fixed":
+            return
         for group in self.optimiser.param_groups:
             group["lr"] = rate * (FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * share)))
 

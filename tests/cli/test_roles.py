@@ -68,6 +68,14 @@ def test_nothing_before_simulate_reads_a_test_motion(tested: Experiment) -> None
     assert "tests.h5 is not a readable HDF5 file" in refusal(tested, "simulate")
 
 
+def test_a_stage_that_has_nothing_to_run_leaves_both_files_alone(experiment: Experiment) -> None:
+    """Also where no motion has the role test."""
+    files = [experiment.run / f"{kind}.h5" for kind in ("snapshots", "tests")]
+    before = [file.read_bytes() for file in files]
+    done(experiment, "snapshot")
+    assert [file.read_bytes() for file in files] == before
+
+
 def test_a_training_motion_that_is_added_runs_alone_too(tested: Experiment) -> None:
     other = UNSEEN | {"name": "d", "role": "train"}
     tested.configure(with_motions(UNSEEN, other))

@@ -101,7 +101,7 @@ def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experimen
     assert (scores[np.isfinite(scores)] >= 0).all()
     with changed(experiment.run / "model.h5") as file:
         file["novelty/threshold"][...] = 1e-9
-    assert experiment.invoke("cubature").exit_code == 0
+    assert experiment.invoke("cubature").exit_code in (0, 3)
     result = experiment.invoke("simulate")
     assert result.exit_code == 0
     assert "frames are far from the training motions" in result.stderr
@@ -109,7 +109,9 @@ def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experimen
 
 def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment) -> None:
     before = weights(experiment)
-    experiment.configure(TINY | {"pca": TINY["pca"] | SYNTHETIC, "cubature": {"poses": 60, "heldout_poses": 30}})
+    experiment.configure(
+        TINY | {"pca": TINY["pca"] | SYNTHETIC, "cubature": TINY["cubature"] | {"poses": 60, "heldout_poses": 30}}
+    )
     assert experiment.invoke("pca").exit_code == experiment.invoke("train").exit_code == 0
     with h5py.File(experiment.run / "basis.h5") as file:
         synthetic = file["synthetic"][:]

@@ -39,5 +39,5 @@ def test_the_examples_of_the_python_page_run_every_stage(tmp_path: Path, monkeyp
     for kind in ("scene", "snapshots", "basis", "model"):
         assert (tmp_path / "runs" / "small" / f"{kind}.h5").is_file()
     with Run.open(tmp_path / "runs" / "small") as run:
-        full = run.snapshots.reader("others")(39, 40)[0]
+        full = run.played.reader("others")(39, 40)[0]
     np.testing.assert_allclose(names["u"], full, atol=1e-4)  # type: ignore[arg-type]

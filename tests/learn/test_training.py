@@ -67,6 +67,24 @@ def test_training_stops_when_the_validation_loss_has_gone_stale() -> None:
     assert len(trained.loss) == trained.best_epoch + 11
 
 
+def test_the_papers_training_is_adam_at_a_rate_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first step of Adam is as long as its rate in every weight, the second at most as long; none falls."""
+    paper = OPTIONS.replace(optimiser="adam", schedule="fixed", learning_rate=1e-3, batch=1000, epochs=40, balance=0.0)
+    rates, step = list[float](), torch.optim.Adam.step
+
+    def watched(optimiser: torch.optim.Adam) -> None:
+        (group,) = optimiser.param_groups
+        before = [parameter.detach().clone() for parameter in group["params"]]
+        step(optimiser)
+        moved = max(float((a - b).abs().max()) for a, b in zip(group["params"], before, strict=True))
+        rates.append(group["lr"] if rates else moved)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", watched)
+    found = train(Examples(arc()), 1, paper)
+    assert rates == pytest.approx([1e-3] * 40, rel=1e-2)
+    assert found.loss[-1, 0] < found.loss[0, 0]
+
+
 @pytest.mark.parametrize(
     ("q", "r", "message"),
     [

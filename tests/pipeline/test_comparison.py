@@ -22,7 +22,7 @@ from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
-from ldsim.pipeline.comparison import Reference, compare_motion, run_reduced, stretch
+from ldsim.pipeline.comparison import Measured, Reference, compare_motion, run_reduced, stretch
 from ldsim.space.basis import Basis, inner_product
 from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
@@ -61,7 +61,7 @@ def whole(U: Array, body: Scene = BODY) -> Space:
 
 
 def compared(space: Space, reference: Reference) -> dict[str, Trajectory]:
-    runs = compare_motion([space], reference, OPTIONS, FULL_FRAMES, 0.05, lambda: None)
+    runs = compare_motion([space], reference, OPTIONS, Measured(FULL_FRAMES, 0.05), lambda: None)
     return {name: trajectory for name, trajectory, _ in runs}
 
 

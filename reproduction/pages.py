@@ -1,0 +1,118 @@
+"""Numbers in README and the guide that come from reproduction/results/: docs/generate.py fills them in.
+
+In a page stands
+
+    <!-- number: pipeline.json | demo | online error, latent, pulls_1 | {:.1%} -->5.8%<!-- /number -->
+    <!-- table: pipeline.json | motions --> … <!-- /table -->
+
+and what is between the two comments is written anew from the file; a test fails where they differ. A table ends in
+where it comes from, and whether code or configurations have changed since.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "reproduction" / "results"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md")))
+MARKED = re.compile(r"<!-- (number|table): (.*?) -->(.*?)<!-- /\1 -->", re.S)
+
+Content = Mapping[str, Any]
+
+
+def filled(text: str, results: Path = RESULTS) -> str:
+    """A page with the numbers of the files.
+
+    Raises:
+        KeyError: a file has no such model, quantity or table.
+        FileNotFoundError: there is no such file.
+    """
+
+    def replaced(found: re.Match[str]) -> str:
+        kind, spec = found[1], [part.strip() for part in found[2].split("|")]
+        content = json.loads((results / spec[0]).read_text(encoding="utf-8"))
+        inside = _number(content, *spec[1:]) if kind == "number" else _table(spec[0], content, spec[1])
+        return f"<!-- {kind}: {found[2]} -->{inside}<!-- /{kind} -->"
+
+    return MARKED.sub(replaced, text)
+
+
+def unmarked(text: str) -> str:
+    """A page without what is filled in."""
+    return MARKED.sub("", text)
+
+
+def values(content: Content) -> dict[tuple[str, str], Any]:
+    """(model, quantity) → value of a result."""
+    return {(row["model"], row["quantity"]): row["value"] for row in content["rows"]}
+
+
+def _number(content: Content, model: str, quantity: str, form: str) -> str:
+    value = values(content)[model, quantity]
+    return "–" if value is None else form.format(value)
+
+
+def _table(file: str, content: Content, name: str) -> str:
+    head, *lines = TABLES[name](content)
+    rows = [head, ["---"] * len(head), *lines]
+    body = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    machine, stale = content["machine"], is_stale(content)
+    told = (
+        " **Stale**: code or configurations have changed since, or it does not say what it was made from."
+        if stale
+        else ""
+    )
+    commit = f", commit {content['commit']}" if content.get("commit") else ""
+    return (
+        f"\n\n{body}\n\nMeasured by `{content['command']}` on {machine['cpu']}, {machine['cores']} cores, "
+        f"{content['created'][:10]}{commit} (`reproduction/results/{file}`).{told}\n\n"
+    )
+
+
+def motions(content: Content) -> list[list[str]]:
+    """Every motion of every model: step and online error of the linear space of kp columns and of the latent one."""
+    found = values(content)
+    pattern = re.compile(r"median step, latent, (.*)")
+    lines = [["experiment", "motion", "linear step", "linear error", "latent step", "latent error"]]
+    for model, quantity in found:
+        motion = pattern.fullmatch(quantity)
+        if motion is not None:
+            cells = [model, motion[1]]
+            for space in ("linear", "latent"):
+                step, error = (
+                    found[model, f"{what}, {space}, {motion[1]}"] for what in ("median step", "online error")
+                )
+                cells += [
+                    "–" if step is None else f"{step:.2g} ms",
+                    "lost" if error is None else f"{100 * error:.1f} %",
+                ]
+            lines.append(cells)
+    return lines
+
+
+TABLES: dict[str, Callable[[Content], list[list[str]]]] = {"motions": motions}
+
+
+def input_hashes(paths: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of files, and of folders with all their Python files, by their path in the project."""
+    return {path: _hash(ROOT / path) for path in sorted(paths)}
+
+
+def _hash(path: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        digest.update(str(file.relative_to(path)).encode())
+        digest.update(file.read_bytes() if file.is_file() else b"missing")
+    return digest.hexdigest()
+
+
+def is_stale(content: Content) -> bool:
+    """Whether what a result was made from has changed since, or is not known."""
+    inputs = content.get("inputs")
+    return not inputs or input_hashes(inputs) != inputs

@@ -1,0 +1,65 @@
+"""Measured numbers of a reader's pages come from files, and say so where they are stale."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from reproduction.pages import PAGES, ROOT, filled, input_hashes, is_stale, unmarked
+
+MEASURED = re.compile(r"\d[\d.,]*\s?(?:%|ms\b|µs\b|min\b|times as)")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_numbers_of_a_page_are_those_of_the_files(page: Path) -> None:
+    text = page.read_text("utf-8")
+    assert filled(text) == text, "run `python docs/generate.py` and commit what it writes"
+
+
+def test_the_readme_has_no_measured_number_that_no_file_holds() -> None:
+    text = re.sub(r"^```.*?^```", "", unmarked((ROOT / "README.md").read_text("utf-8")), flags=re.M | re.S)
+    assert not MEASURED.findall(text)
+
+
+def result(folder: Path, **changes: object) -> Path:
+    row = {"model": "demo", "unit": "", "goal": None}
+    values = {"median step, linear, a": 0.5, "online error, linear, a": 0.125, "median step, latent, a": 0.25}
+    content = {
+        "machine": {"cpu": "a processor", "cores": 2},
+        "command": "make",
+        "created": "2030-01-02T00:00:00",
+        "rows": [row | {"quantity": q, "value": v} for q, v in (values | {"online error, latent, a": None}).items()],
+    }
+    (folder / "some.json").write_text(json.dumps(content | changes))
+    return folder
+
+
+def test_a_number_and_a_table_are_written_anew_and_nothing_else_is_touched(tmp_path: Path) -> None:
+    number = "<!-- number: some.json | demo | online error, linear, a | {:.1%} -->"
+    text = f"before {number}old<!-- /number --> between <!-- table: some.json | motions --><!-- /table --> after"
+    found = filled(text, result(tmp_path))
+    assert found.startswith(f"before {number}12.5%<!-- /number --> between <!-- table: some.json | motions -->")
+    assert "| demo | a | 0.5 ms | 12.5 % | 0.25 ms | lost |" in found and found.endswith("<!-- /table --> after")
+    assert filled(found, tmp_path) == found
+    assert unmarked(found) == "before  between  after"
+
+
+def test_a_quantity_that_no_row_has_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(KeyError):
+        filled("<!-- number: some.json | demo | nothing | {} --><!-- /number -->", result(tmp_path))
+
+
+def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
+    inputs = input_hashes(["ldsim/space", "configs/demo.yaml"])
+    assert not is_stale({"inputs": inputs})
+    assert is_stale({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
+    assert is_stale({"inputs": {}}) and is_stale({})
+
+
+def test_a_stale_table_says_so(tmp_path: Path) -> None:
+    text = "<!-- table: some.json | motions --><!-- /table -->"
+    assert "**Stale**" in filled(text, result(tmp_path))
+    assert "**Stale**" not in filled(text, result(tmp_path, inputs=input_hashes(["LICENSE"])))
