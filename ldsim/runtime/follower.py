@@ -23,6 +23,11 @@ class Follower:
 
     def step(self, acting: Loads) -> int:
         """One step under some loads; its iterations."""
+        self.take(acting)
+        return self.solid.step()[0]
+
+    def take(self, acting: Loads) -> None:
+        """What acts in the next step."""
         solid, wanted = self.solid, {grab.vertices.tobytes(): grab for grab in acting.grabs}
         for key in [key for key in self._held if key not in wanted]:
             solid.release(self._held.pop(key))
@@ -38,4 +43,3 @@ class Follower:
         maps = {pins.vertices.tobytes(): pins.map for pins in acting.pins}
         for i, vertices in enumerate(self._supports):
             solid.move_pins(i, maps.get(vertices.tobytes(), np.eye(3, 4)))
-        return solid.step()[0]
