@@ -112,6 +112,12 @@ def test_a_setting_makes_its_stage_and_what_follows_stale(
     assert project.stages("-n", LAST) == expected
 
 
+def test_a_test_motion_makes_nothing_stale_but_the_simulation(project: Project) -> None:
+    unseen = {"name": "c", "role": "test", "pulls": {"count": 1, "reach": 0.08, "frames": 12, "rest": 8}}
+    project.configure(snapshot=TINY["snapshot"] | {"motions": [*TINY["snapshot"]["motions"], unseen]})
+    assert project.stages("-n", LAST) == ["snapshot", "simulate"]
+
+
 @pytest.mark.parametrize("stage", CHAIN[:-1])
 def test_a_missing_artefact_is_made_again_with_what_follows(project: Project, stage: str) -> None:
     (project.run / WRITES[stage]).unlink()
