@@ -6,12 +6,14 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import h5py
 import numpy as np
-from click.testing import Result
 
+from ldsim.pipeline import pca, train
 from reproduction.faults.alone import invoke, outcome
 from reproduction.faults.bench import EXPERIMENTS, KINDS, Bench, own_copy, same
 from reproduction.faults.mutations import OF_ARTEFACTS, sealed
@@ -46,19 +48,19 @@ def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
     readers = rng.permutation(READERS[kind])[:2]
     for command in ("info", *readers):
         form = str(rng.choice(FORMATS))
-        said = bench.alone(lambda: outcome(_read(bench, command, path, form)))
+        said = bench.alone(partial(_read, bench, str(command), path, form))
         said = "silent" if must_be_refused and said == "accepted" else said
         bench.keep(said, f"{how}-{command}-{hashlib.sha256(after).hexdigest()[:12]}-{kind}.h5", after)
         yield "commands on spoilt artefacts", said, f"{how} of {kind} of {name}, {command}"
 
 
-def _read(bench: Bench, command: str, path: Path, form: str) -> Result:
+def _read(bench: Bench, command: str, path: Path, form: str) -> str:
     run = path.parent
     if command == "info":
-        return invoke("info", path)
+        return outcome(invoke("info", path))
     if command == "export":
-        return invoke("export", run, "--format", form, "--output", bench.made / "exported")
-    return bench.command(command, run.name, bench.made)
+        return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
+    return bench.stage(command, run.name, bench.made)
 
 
 def relinked(run: Path, spoilt: str) -> None:
@@ -91,7 +93,7 @@ def checkpoints(bench: Bench, rng: np.random.Generator) -> Found:
     spoil(path, rng)
     if path.read_bytes() == before:
         return
-    said = bench.alone(lambda: outcome(bench.command(stage, name, bench.made)))
+    said = bench.alone(partial(bench.stage, stage, name, bench.made))
     whole = same(run / f"{kind}.h5", bench.whole / name / f"{kind}.h5")
     said = "silent" if must_be_refused and said == "accepted" and not whole else said
     bench.keep(said, f"{how}-{path.name}", path.read_bytes() if path.exists() else b"")
@@ -101,13 +103,12 @@ def checkpoints(bench: Bench, rng: np.random.Generator) -> Found:
 def _interrupted(bench: Bench, name: str, stage: str, kept: Path) -> None:
     """All checkpoints that a stage writes, kept when it would remove them."""
 
-    def trial() -> str:
-        import ldsim.pipeline.pca
-        import ldsim.pipeline.train
+    def keep(folder: Path) -> None:
+        shutil.move(folder, kept)
 
-        for module in (ldsim.pipeline.pca, ldsim.pipeline.train):
-            module.remove_checkpoints = lambda folder: shutil.move(folder, kept)  # type: ignore[attr-defined]
-        return outcome(bench.command(stage, name, bench.made))
+    def trial() -> str:
+        with patch.object(train, "remove_checkpoints", keep), patch.object(pca, "remove_checkpoints", keep):
+            return bench.stage(stage, name, bench.made)
 
     run = bench.copy(name)
     (run / ("model.h5" if stage == "train" else "basis.h5")).unlink()

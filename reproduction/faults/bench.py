@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -37,7 +38,7 @@ class Bench:
         for name in EXPERIMENTS:
             shutil.copy(ROOM / f"{name}.yaml", self.config(name))
             for stage in STAGES if not (self.whole / name / "report").exists() else ():
-                said = self.alone(lambda name=name, stage=stage: outcome(self.command(stage, name, self.whole)))
+                said = self.alone(partial(self.stage, stage, name, self.whole))
                 assert said == "accepted", f"{stage} of {name}: {said}"
 
     def config(self, name: str) -> Path:
@@ -45,6 +46,10 @@ class Bench:
 
     def command(self, stage: str, name: str, runs: Path) -> Result:
         return invoke(stage, self.config(name), "--runs", runs)
+
+    def stage(self, stage: str, name: str, runs: Path) -> str:
+        """What came of a stage."""
+        return outcome(self.command(stage, name, runs))
 
     def copy(self, name: str) -> Path:
         """A run again, its files linked but for those that a trial replaces."""

@@ -40,8 +40,12 @@ def files(bench: Bench, rng: np.random.Generator) -> Found:
         "off": lambda: told(lambda: repaired(read_surface(path))),
         "csv": lambda: told(lambda: read_recording(path, "a")),
     }
-    whole = {"mesh": _mesh_text, "off": lambda _: SURFACE, "csv": _recording_text}[suffix](bench)
-    path.write_text(text_spoilt(whole, rng), encoding="utf-8")
+    whole: dict[str, Callable[[], str]] = {
+        "mesh": lambda: _mesh_text(bench),
+        "off": lambda: SURFACE,
+        "csv": lambda: _recording_text(bench),
+    }
+    path.write_text(text_spoilt(whole[suffix](), rng), encoding="utf-8")
     said = here(read[suffix])
     bench.keep(said, f"{rng.integers(2**32)}.{suffix}", path.read_bytes())
     yield "meshes and recordings", said, path.name
