@@ -83,10 +83,11 @@ def checkpoints(bench: Bench, rng: np.random.Generator) -> Found:
     if not kept.exists():
         _interrupted(bench, name, stage, kept)
     run = bench.copy(name)
-    partial = run / f"{kind}.partial"
-    shutil.copytree(kept, partial)
+    left = run / f"{kind}.partial"
+    shutil.copytree(kept, left)
     (run / f"{kind}.h5").unlink()
-    path = sorted(partial.rglob("*.h5"))[int(rng.integers(len(list(partial.rglob("*.h5")))))]
+    paths = sorted(left.rglob("*.h5"))
+    path = paths[int(rng.integers(len(paths)))]
     before = path.read_bytes()
     how = str(rng.choice(list(OF_ARTEFACTS)))
     spoil, must_be_refused = OF_ARTEFACTS[how]

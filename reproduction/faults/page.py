@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from ldsim.viewer.playground import play_server
 from reproduction.faults.alone import fork
@@ -59,9 +60,9 @@ class Page:
         self.parts = urlsplit(self.url)
 
     def joined(self) -> ClientConnection:
-        origin = f"{self.parts.scheme}://{self.parts.netloc}"
+        origin = Origin(f"{self.parts.scheme}://{self.parts.netloc}")
         address = self.url.replace("http", "ws", 1) + "socket"
-        return connect(address, origin=origin, open_timeout=HEALTHY, close_timeout=1, max_size=None)  # type: ignore[arg-type]
+        return connect(address, origin=origin, open_timeout=HEALTHY, close_timeout=1, max_size=None)
 
     def raw(self) -> socket.socket:
         return socket.create_connection((self.parts.hostname or "", self.parts.port or 0), timeout=10)

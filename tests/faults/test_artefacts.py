@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import ArtefactError, LdsimError
 from ldsim.run import Run
 from reproduction.faults import mutations
@@ -230,3 +231,20 @@ def test_a_space_of_parts_that_do_not_belong_together_cannot_be_made(playable: P
         if what == "columns":
             space.reduced_basis.columns(K + 1)
         replace(space, **changes[what])
+
+
+@pytest.mark.parametrize(
+    "change", [lambda file: file.pop("mean"), put("mean", lambda m: m[1:]), put("more", lambda _: 1.0)]
+)
+def test_a_checkpoint_that_lacks_something_is_none(tmp_path: Path, change: Callable[[h5py.File], object]) -> None:
+    """Found by the campaign: it fitted its checksum, and `ldsim train` ended with a KeyError."""
+    store, arrays = TrainingStore(tmp_path, "r3", "this one"), {"mean": np.arange(3.0), "best": np.float64(2.0)}
+    store.save(arrays)
+    kept = store.load()
+    assert kept is not None and {name: values.tolist() for name, values in kept.items()} == {
+        "mean": [0, 1, 2],
+        "best": 2,
+    }
+    with changed(tmp_path / "r3.checkpoint.h5") as file:
+        change(file)
+    assert store.load() is None
