@@ -64,7 +64,8 @@ class Staleness:
         """
         found = {}
         for kind in KINDS_OF[stage]:
-            reason = self._of_report(stale) if kind == stage else self._of_artefact(kind, stage, stale)
+            report = stage == STAGES[-1]
+            reason = self._of_report(stale) if report else self._of_artefact(kind, stage, stale)
             if reason is not None:
                 found[kind] = reason
         return found
