@@ -105,7 +105,7 @@ def _unseen(facts: Facts) -> str | None:
         f"train.condensed.poses to {2 * facts.train.condensed.poses} (now {facts.train.condensed.poses}), if there are "
         "frames enough"
         if facts.train.kind == "condensed"
-        else "train.synthetic, which makes many more at little cost"
+        else "pca.synthetic, which makes many more at little cost"
     )
     return (
         "The training motions do not show what the others do: add a motion of role train like them, with another seed, "
