@@ -19,41 +19,28 @@ endif
 endif
 
 STAGES := mesh snapshot pca train cubature simulate report
-STAMPS := $(patsubst %,$(RUN)/settings/%.yaml,$(STAGES) tests)
-SCENE := $(RUN)/scene.h5
-SNAPSHOTS := $(RUN)/snapshots.h5
-TESTS := $(RUN)/tests.h5
-BASIS := $(RUN)/basis.h5
-MODEL := $(RUN)/model.h5
-CUBATURE := $(RUN)/cubature.h5
-SIMULATION := $(RUN)/simulation.h5
-REPORT := $(RUN)/report/report.html
 
 .DEFAULT_GOAL := report
 # One thing at a time even under -j: the stages share out the cores themselves, and simulate is timed.
 .NOTPARALLEL:
-# An artefact is renamed when whole, so an interrupted make must never delete the one that lies there.
-.PRECIOUS: $(SCENE) $(SNAPSHOTS) $(TESTS) $(BASIS) $(MODEL) $(CUBATURE) $(SIMULATION) $(REPORT) $(STAMPS)
 # What `make paper` makes: all, or fig9, and QUICK=yes for small versions.
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test bounds lint clean help FORCE
+.PHONY: $(STAGES) demo paper settings test bounds lint clean help
 
-# $(call stage,train): run a stage and remember that one was run.
-stage = $(eval RAN := yes)$(LDSIM) $(1) $(CONFIG) --runs $(RUNS)
-# $(call done,FILE): the last line of every goal.
-done = @echo "$(if $(RAN),,nothing to do, $(EXPERIMENT) is up to date: )$(abspath $(1))"
+# What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
+$(STAGES): $(ENVIRONMENT)
+	$(if $(wildcard $(firstword $(LDSIM))),+)@$(LDSIM) make $(CONFIG) --experiment $(EXPERIMENT) --runs $(RUNS) \
+	    --until $@ $(if $(findstring n,$(firstword -$(MAKEFLAGS))),--dry-run)
 
-include $(STAGES:%=stages/%.mk)
-
-# One stamp a stage: its settings with defaults and the hashes of its input files. All are looked at in every make, but
-# only those that changed are written, so an unchanged stamp keeps its time and nothing that depends on it runs again. The
-# + does so under `make -n` too, which then tells the truth.
-$(STAMPS) &: FORCE | $(ENVIRONMENT)
-	$(if $(wildcard $(firstword $(LDSIM))),+)@$(LDSIM) settings $(CONFIG) --experiment $(EXPERIMENT) --stamps $(RUN)/settings
-
-FORCE:
+mesh: ## stage 1: read or make the mesh and write the scene
+snapshot: ## stage 2: run the motions in the full space
+pca: ## stage 3: find the linear basis
+train: ## stage 4: train the latent space
+cubature: ## stage 5: choose the cubature points
+simulate: ## stage 6: run the motions in the reduced spaces and compare
+report: ## stage 7 and the default: write the report
 
 $(ENVIRONMENT): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -88,4 +75,4 @@ clean: ## remove the files of the experiment
 
 help: ## this list
 	@echo "make [GOAL] [EXPERIMENT=$(EXPERIMENT)]: EXPERIMENT names a file in configs/, its files lie in runs/EXPERIMENT/"
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  \1\t\2/p' $(STAGES:%=stages/%.mk) Makefile | expand -t 14
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  \1\t\2/p' Makefile | expand -t 14

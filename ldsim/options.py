@@ -57,6 +57,11 @@ class Options(BaseModel):
         given = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self)(**given | changes)
 
+    @classmethod
+    def of_dump(cls, text: str) -> Self:
+        """The options that a dump is of, as the header of an artefact has it."""
+        return cls(**(yaml.safe_load(text) or {}))
+
     def dump(self, defaults: bool = True) -> str:
         """As YAML, with the defaults or with what was given alone; the same text for the same values."""
         content = self.model_dump(mode="json", exclude_unset=not defaults)

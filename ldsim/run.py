@@ -10,6 +10,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ldsim.artefacts.records import (
     StoredModel,
     read_basis,
@@ -17,7 +20,7 @@ from ldsim.artefacts.records import (
     read_model,
     read_scene,
 )
-from ldsim.artefacts.simulation import read_simulation
+from ldsim.artefacts.simulation import read_fresh, read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import WRITTEN_BY, Header, file_hash, read_header, reading
 from ldsim.cubature.path import RulePath
@@ -208,6 +211,12 @@ class Run:
         inputs = ("scene", "basis", "model", "cubature")
         found: dict[str, dict[str, Trajectory]] = self._get("simulation", read_simulation, *inputs)
         return found
+
+    @property
+    def fresh_errors(self) -> dict[str, NDArray[np.float64]]:
+        """Space → online errors of the fresh motions that a statement is from; empty where none is made."""
+        self.require("simulation", "scene", "basis", "model", "cubature")
+        return read_fresh(self.path("simulation"))
 
     @cached_property
     def lifting(self) -> Lifting:

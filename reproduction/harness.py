@@ -19,6 +19,7 @@ from ldsim.artefacts.store import STAGE_OF
 from ldsim.cli.stage import Bars
 from ldsim.errors import ArtefactError
 from ldsim.pipeline.cubature import cubature
+from ldsim.pipeline.files import file_sums
 from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.pca import pca
 from ldsim.pipeline.progress import Progress
@@ -27,7 +28,7 @@ from ldsim.pipeline.snapshot import snapshot
 from ldsim.pipeline.train import train
 from ldsim.report.machine import describe_machine
 from ldsim.run import Run
-from ldsim.settings import STAGES, Settings, input_files, settings_of
+from ldsim.settings import STAGES, Settings, settings_of
 from reproduction.pages import input_hashes
 
 ROOT = Path(__file__).parent.parent
@@ -74,7 +75,8 @@ class Harness:
         folder = self.runs / settings.experiment
         wanted = STAGES[: STAGES.index(last) + 1]
         for stage in wanted:
-            input_files(settings, stage, folder)  # what is missing is said before anything runs
+            # what is missing is said before anything runs
+            file_sums(getattr(settings.section(stage), "input_files", ()), folder)
         with replacing(folder / "paper.yaml") as temporary:
             temporary.write_text(settings.dump(), encoding="utf-8")
         return finished(folder, settings, wanted, folder)

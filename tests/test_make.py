@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ldsim.learn.options import TrainOptions
-from tests.cli.experiments import COMMANDS, TINY, WRITES
+from tests.cli.experiments import TINY, WRITES
 
 ROOT = Path(__file__).parent.parent
 CHAIN = ["mesh", "snapshot", "pca", "train", "cubature", "simulate", "report"]
@@ -54,9 +53,8 @@ class Project:
 
     def stages(self, *arguments: str, status: int = 0) -> list[str]:
         """The stages that make started, or with -n would start."""
-        lines = [line.split() for line in self.make(*arguments, status=status).splitlines()]
-        calls = [words[words.index("ldsim") + 1] for words in lines if "-m" in words and "ldsim" in words]
-        return [name for name in calls if name in CHAIN]
+        names = [line.split(": ")[0] for line in self.make(*arguments, status=status).splitlines()]
+        return [name for name in names if name in CHAIN]
 
 
 @pytest.fixture(scope="module")
@@ -82,45 +80,11 @@ def test_a_second_make_starts_no_stage_and_says_so(project: Project) -> None:
     assert {path: path.stat().st_mtime_ns for path in project.run.rglob("*")} == before
 
 
-def test_a_comment_makes_nothing_stale(project: Project) -> None:
-    project.configure(comment="# a comment\n\n")
-    assert project.stages(LAST) == []
-
-
-def test_a_setting_equal_to_its_default_makes_nothing_stale(project: Project) -> None:
-    project.configure(train=TINY["train"] | {"learning_rate": TrainOptions().learning_rate})
-    assert project.stages(LAST) == []
-
-
-@pytest.mark.parametrize(
-    ("stage", "settings"),
-    [
-        ("mesh", {"density": 900.0}),
-        ("snapshot", {"tolerance": 1e-5}),
-        ("pca", {"k": 5}),
-        ("train", {"learning_rate": 1e-3}),
-        ("cubature", {"tolerance": 0.1}),
-        ("simulate", {"max_iterations": 100}),
-        ("report", {"pictures": 2}),
-    ],
-)
-def test_a_setting_makes_its_stage_and_what_follows_stale(
-    project: Project, stage: str, settings: dict[str, object]
-) -> None:
-    project.configure(**{stage: TINY[stage] | settings})
-    expected = [name for name in CHAIN[CHAIN.index(stage) :] if name != "report"]
-    assert project.stages("-n", LAST) == expected
-
-
-@pytest.mark.parametrize("stage", CHAIN[:-1])
-def test_a_missing_artefact_is_made_again_with_what_follows(project: Project, stage: str) -> None:
-    (project.run / WRITES[stage]).unlink()
-    assert project.stages("-n", LAST) == CHAIN[CHAIN.index(stage) : -1]
-
-
 def test_only_what_is_stale_runs(project: Project) -> None:
     before = {name: (project.run / name).read_bytes() for name in WRITES.values()}
     project.configure(train=TINY["train"] | {"learning_rate": 1e-3})
+    assert project.stages("-n", LAST) == ["train", "cubature", "simulate"]
+    assert {name: (project.run / name).read_bytes() for name in WRITES.values()} == before
     assert project.stages(LAST) == ["train", "cubature", "simulate"]
     changed = {name for name in WRITES.values() if (project.run / name).read_bytes() != before[name]}
     assert changed == {"model.h5", "cubature.h5", "simulation.h5"}
@@ -178,8 +142,3 @@ def test_the_tests_do_not_see_the_environment_of_who_runs_them() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
     done = subprocess.run(command, cwd=ROOT, env=os.environ | callers, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
-
-
-def test_every_stage_has_its_fragment() -> None:
-    assert {path.stem for path in (ROOT / "stages").glob("*.mk")} == set(CHAIN)
-    assert set(COMMANDS) <= set(CHAIN)

@@ -1,9 +1,8 @@
-"""Settings: what is allowed, what a refusal says, and what a stamp depends on."""
+"""Settings: what is allowed, what a refusal says, and which files it names."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,10 @@ import yaml
 
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.errors import SettingsError
-from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.options import ScriptOptions
 from ldsim.options import read_options
 from ldsim.pipeline.files import resolve_path
-from ldsim.settings import STAGES, load_settings, stamp
+from ldsim.settings import STAGES, load_settings
 
 SMALLEST: dict[str, Any] = {
     "experiment": "small",
@@ -182,49 +180,6 @@ def test_every_stage_has_a_section(tmp_path: Path) -> None:
     assert STAGES == (*STAGE_OF.values(), "report")
     for stage in STAGES:
         assert settings.section(stage) is getattr(settings, stage)
-
-
-def stamps(config: Path) -> dict[str, str]:
-    return {stage: stamp(load_settings(config), stage, config.parent) for stage in STAGES}
-
-
-@pytest.fixture
-def recorded(tmp_path: Path) -> Path:
-    """A configuration that reads a mesh file and a recording."""
-    (tmp_path / "a.mesh").write_text("one mesh", encoding="utf-8")
-    (tmp_path / "a.csv").write_text("one recording", encoding="utf-8")
-    (tmp_path / "b.yaml").write_text("one script", encoding="utf-8")
-    motions = [{"name": "a", "recording": "a.csv"}, {"name": "b", "script_file": "b.yaml"}]
-    content = changed("snapshot.motions", motions)
-    del content["mesh"]["shape"]
-    content["mesh"]["file"] = "a.mesh"
-    return written(tmp_path, content)
-
-
-def retouched(path: Path, edit: Callable[[str], str]) -> None:
-    path.write_text(edit(path.read_text(encoding="utf-8")), encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("file", "edit", "expected"),
-    [
-        ("small.yaml", lambda text: f"# a comment\n{text}", set()),
-        ("small.yaml", lambda text: f"{text}train: {{epochs: 7}}\n", {"train"}),
-        ("small.yaml", lambda text: f"{text}train: {{epochs: {TrainOptions().epochs}}}\n", set()),
-        ("a.mesh", lambda text: "another mesh", {"mesh"}),
-        ("a.csv", lambda text: "another recording", {"snapshot"}),
-        ("b.yaml", lambda text: "another script", {"snapshot"}),
-        ("a.mesh", lambda text: text, set()),
-    ],
-    ids=["comment", "setting", "setting equal to its default", "mesh file", "recording", "script", "mesh file touched"],
-)
-def test_a_stamp_changes_with_values_and_file_contents_alone(
-    recorded: Path, file: str, edit: Callable[[str], str], expected: set[str]
-) -> None:
-    before = stamps(recorded)
-    retouched(recorded.parent / file, edit)
-    after = stamps(recorded)
-    assert {stage for stage in STAGES if before[stage] != after[stage]} == expected
 
 
 def test_without_the_data_variable_the_message_says_what_is_missing_and_where_to_get_it(

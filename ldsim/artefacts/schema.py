@@ -122,6 +122,8 @@ _RUN = (
     Dataset("runs/*/*/mean_displacement", "f8", ("N",), "m", "mean displacement of the full space", True),
 )
 
+_FRESH = (Dataset("fresh/*", "f8", ("F",), "", "online error of each fresh motion, infinite where it was lost", True),)
+
 SCHEMAS: dict[str, tuple[Dataset, ...]] = {
     "scene": (
         Dataset("mesh/vertices", "f8", ("n", 3), "m", "rest positions"),
@@ -181,7 +183,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("best_epoch", "i8", (), "", "the epoch whose weights were kept"),
     ),
     "cubature": _RULES,
-    "simulation": _RUN,
+    "simulation": (*_RUN, *_FRESH),
 }
 
 # All others are finite. Displacements are too large to be looked at before they are used.
@@ -189,7 +191,7 @@ VALUES = {
     ANY: "motions/*/displacements runs/*/*/coordinates runs/*/*/latent",
     MEASURED: "*/path_errors */path_perturbed_errors */virtual_errors */virtual_judged potential/errors loss search "
     "errors runs/*/*/seconds runs/*/*/mean_error runs/*/*/max_error runs/*/*/windowed_mean_error runs/*/*/novelty "
-    "runs/*/*/mean_displacement",
+    "runs/*/*/mean_displacement fresh/*",
     POSITIVE: "*/path_weights */virtual_weights potential/weights motions/*/drag_stiffness quadrature/weights "
     "material/mu material/density time_step novelty/reach novelty/threshold",
     COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "

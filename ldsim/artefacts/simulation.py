@@ -14,11 +14,12 @@ from ldsim.artefacts.store import Header, read_header, reading, write
 from ldsim.dynamics.trajectory import Trajectory
 
 Runs = Mapping[str, Mapping[str, Trajectory]]
+Fresh = Mapping[str, NDArray[np.float64]]
 
 
-def write_simulation(path: Path, header: Header, runs: Runs) -> None:
-    """Write simulation.h5 from space → motion → trajectory."""
-    datasets: dict[str, NDArray[np.generic] | float | int] = {}
+def write_simulation(path: Path, header: Header, runs: Runs, fresh: Fresh | None = None) -> None:
+    """Write simulation.h5 from space → motion → trajectory, and space → online errors of fresh motions."""
+    datasets: dict[str, NDArray[np.generic] | float | int] = {f"fresh/{name}": e for name, e in (fresh or {}).items()}
     for space, motions in runs.items():
         for motion, trajectory in motions.items():
             for entry in fields(trajectory):
@@ -36,6 +37,12 @@ def read_simulation(path: Path) -> tuple[dict[str, dict[str, Trajectory]], Heade
             for space, motions in file["runs"].items()
         }
         return runs, read_header(file)
+
+
+def read_fresh(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Space → online errors of the fresh motions; empty where there were none."""
+    with reading(path, "simulation") as file:
+        return {space: data[:] for space, data in file["fresh"].items()} if "fresh" in file else {}
 
 
 def _trajectory(group: h5py.Group) -> Trajectory:

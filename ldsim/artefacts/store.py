@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,10 @@ class Header:
     notes: Mapping[str, str | float | int] = field(default_factory=dict)
     ldsim_version: str = ""
     created: str = ""
+
+    def with_settings(self, settings: str) -> Header:
+        """The same of other settings."""
+        return replace(self, settings=settings)
 
 
 def file_hash(path: Path) -> str:

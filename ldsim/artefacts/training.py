@@ -33,19 +33,25 @@ class TrainingStore:
             with opened(self._path) as file:
                 if file.attrs["identity"] != self._identity:
                     return None
-                found = datasets(file)
-                for data in found.values():
+                for data in datasets(file).values():
                     check_size(data)
-                return {name: np.asarray(data[()]) for name, data in found.items()}
+                found = {name: np.asarray(data[()]) for name, data in datasets(file).items()}
+                return found if file.attrs["contents"] == _contents(found) else None
         except (OSError, ArtefactError):
             return None
 
     def save(self, arrays: Arrays) -> None:
         """Replace the checkpoint; whole or not at all."""
         with creating(self._path) as file:
-            file.attrs["identity"] = self._identity
+            file.attrs["identity"], file.attrs["contents"] = self._identity, _contents(arrays)
             for name, values in arrays.items():
                 file[name] = values
+
+
+def _contents(arrays: Arrays) -> str:
+    """Name, type and shape of every array: another list is no checkpoint of ours."""
+    found = {name: np.asarray(values) for name, values in arrays.items()}
+    return "; ".join(f"{name} {found.dtype} {found.shape}" for name, found in sorted(found.items()))
 
 
 def remove_checkpoints(folder: Path) -> None:

@@ -14,6 +14,7 @@ from ldsim.errors import LdsimError
 
 COMMANDS = {
     "new": "Look at a solid and write settings that fit it.",
+    "make": "Run what is missing or stale, up to the report.",
     "mesh": "Read or make the mesh and write the scene.",
     "snapshot": "Run the motions in the full space.",
     "pca": "Find the linear basis.",
@@ -21,11 +22,13 @@ COMMANDS = {
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",
+    "list": "Say how far each run has come, and how good it is.",
+    "open": "Open the report of a run in the browser.",
     "compare": "Put several finished runs side by side on one page.",
     "play": "Pull a finished run in the browser.",
     "record": "Pull a coarse mesh in the browser and record a motion.",
     "export": "Write a run's motion or model for other programs.",
-    "info": "Print an artefact's header and contents.",
+    "info": "Say what a run came to, or what an artefact holds.",
     "settings": "Check a configuration and print it with defaults.",
 }
 
@@ -82,7 +85,7 @@ def _end_with(message: str) -> Never:
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="The stages run in the order listed; `make` runs what is missing or stale.",
+    epilog="`ldsim new` and `ldsim make` are all it takes; `make` runs the stages mesh to report in the order listed.",
 )
 @click.version_option(__version__, "--version", prog_name="ldsim")
 def main() -> None:

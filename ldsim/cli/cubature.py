@@ -6,9 +6,7 @@ import click
 
 from ldsim.cli.stage import Call, stage_command
 from ldsim.pipeline.cubature import cubature, summary
-
-# Status of a run whose artefact is whole but whose rule misses the tolerance; stages/cubature.mk goes on after it.
-MISSED = 3
+from ldsim.settings.make import MISSED
 
 
 @stage_command("cubature", "Choose the cubature points of the latent and of the matching linear space.")

@@ -1,4 +1,4 @@
-"""`ldsim info`: print an artefact's header and contents."""
+"""`ldsim info`: what a run came to, or an artefact's header and contents."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ import click
 from ldsim import __version__
 from ldsim.artefacts.store import dataset_names, read_header, reading
 from ldsim.cli.app import printable
+from ldsim.report.overview import told
 
 
-@click.command("info", help="Print an artefact's header and contents.")
+@click.command("info", help="Say what a RUN came to, or print the header and contents of an artefact's FILE.")
 @click.version_option(__version__, "--version", prog_name="ldsim")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", metavar="RUN|FILE", type=click.Path(path_type=Path))
 def command(file: Path) -> None:
+    if file.is_dir():
+        say("\n".join(told(file)))
+        return
     with reading(file) as artefact:
         header = read_header(artefact)
         say(f"{file}: {header.kind}, written by ldsim {header.ldsim_version} on {header.created}")
@@ -23,8 +27,7 @@ def command(file: Path) -> None:
         for name, digest in header.inputs.items():
             say(f"  made from {name}: SHA-256 {digest}")
         say("settings:")
-        for line in header.settings.splitlines():
-            say(f"  {line}")
+        say("".join(f"  {line}\n" for line in header.settings.splitlines()).rstrip("\n"))
         say("datasets:")
         for name in dataset_names(artefact):
             dataset = artefact[name]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from ldsim.cli.stage import Call, stage_command
+from ldsim.report.overview import read_first
 from ldsim.report.report import Wanted, report
 
 
@@ -14,4 +15,7 @@ def command(call: Call) -> None:
     wanted = Wanted(settings.report.pictures, settings.cubature.tolerance, settings.train.tolerance_mm)
     made = report(call.run, wanted, call.progress)
     call.say(folder, f"{len(made.figures)} figures, {len(made.pictures)} pictures")
+    statement = made.numbers.statement
+    for line in [*([statement.sentence] if statement else []), *read_first(made.numbers)]:
+        click.echo(line)
     click.echo(str((folder / "report.html").resolve()))

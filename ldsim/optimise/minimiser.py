@@ -110,7 +110,7 @@ def minimise(
             Newton's method.
         refresh: called before each iteration with x and the iterations so far; true means that the preconditioner
             was changed, so the memory starts anew.
-        deadline: on the clock of `time.perf_counter`, after which no further iteration is begun.
+        deadline: on the clock of `time.perf_counter`, after which no further iteration or evaluation is begun.
 
     Returns:
         The record of the solve; x is never worse than where it started.
@@ -144,6 +144,8 @@ def minimise(
             slope_new = float(g_new @ d) if math.isfinite(f_new) else math.inf
             if accepts(f, slope, step, f_new, slope_new):
                 break
+            if time.perf_counter() > deadline:
+                return Solution(f, norm, iteration, evaluations, Reason.ITERATIONS_SPENT)
             step = next_step(f, slope, step, f_new, slope_new)
             # a shorter step would not change x any more
             if step * math.sqrt(float(d @ d)) <= EPSILON * math.sqrt(float(x @ x)):

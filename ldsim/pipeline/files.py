@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from ldsim.errors import SettingsError
 
 DATA_VARIABLE = "LDSIM_DATA"
 DATA_ORIGIN = "its authors publish it in the GitHub repository lawsonfulton/AutoDef"
+
+
+def file_sums(names: Iterable[str], base: Path) -> str:
+    """The files that options name, each with its SHA-256, as JSON: what an artefact says it was made from.
+
+    Raises:
+        SettingsError: one is not there.
+    """
+    paths = {name: resolve_path(name, base) for name in names}
+    return json.dumps({name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in paths.items()})
 
 
 def resolve_path(text: str, base: Path) -> Path:

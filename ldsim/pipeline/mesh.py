@@ -18,7 +18,7 @@ from ldsim.mesh.formats import read_mesh
 from ldsim.mesh.mesh import Mesh, reoriented
 from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.shapes import shaped
-from ldsim.pipeline.files import resolve_path
+from ldsim.pipeline.files import file_sums, resolve_path
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.surface import IDENTITY, Tets, surface_identity, tets_of_surface
@@ -43,7 +43,9 @@ def mesh(run: Run, options: MeshOptions, progress: Progress = SILENT, base: Path
     """
     stage = run.stage("mesh", options)
     scene, notes = described_scene(options, progress, base, kept=run.path("scene"))
-    write_scene(run.path("scene"), stage.header("scene", (), -1, **notes), scene)
+    write_scene(
+        run.path("scene"), stage.header("scene", (), -1, files=file_sums(options.input_files, base), **notes), scene
+    )
     run.written("scene")
     return scene
 

@@ -164,6 +164,15 @@ class SnapshotOptions(FullOptions):
         return tuple(name for name in files if name is not None)
 
 
+class StatementOptions(Options):
+    """Random motions that nothing has seen, to say how far the model is off on such motions."""
+
+    motions: Annotated[int, Field(ge=1, le=10_000, description="How many; 59 for 95 % at 95 % confidence.")] = 59
+    quantile: Annotated[float, Field(gt=0, lt=1, description="Share of such motions that it is said of.")] = 0.95
+    confidence: Annotated[float, Field(gt=0, lt=1, description="With which it is said.")] = 0.95
+    pulls: Annotated[PullOptions, Field(description="What one of them is; each has a seed of its own, made from this.")]
+
+
 class SimulateOptions(Options):
     """How the motions are run and judged."""
 
@@ -190,6 +199,9 @@ class SimulateOptions(Options):
     material: Annotated[
         MaterialChangeOptions | None,
         Field(description="Another material than that of the scene, for all motions; no errors are computed then."),
+    ] = None
+    statement: Annotated[
+        StatementOptions | None, Field(description="A bound of the error on fresh motions; left out, none.")
     ] = None
     window: Annotated[
         Positive, Field(description="Restart from the full space this often for the windowed error, s.")

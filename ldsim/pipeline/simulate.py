@@ -18,7 +18,8 @@ from ldsim.pipeline.comparison import Measured, Reference, compare_motion
 from ldsim.pipeline.frontier import chosen_space, judging, standings
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.run import AUTO, Run
+from ldsim.pipeline.statement import about, bound, fresh_errors, sentence
+from ldsim.run import AUTO, REDUCED, Run
 from ldsim.space.novelty import Novelty
 from ldsim.space.space import Space
 
@@ -51,11 +52,19 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
             for space, trajectory, minimiser in compared:
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
                 notes[f"{space}_minimiser"] = minimiser
+    fresh = {}
+    if options.statement is not None and not changed:
+        with one_thread():
+            rivals = [space for space in spaces if space.name in REDUCED]
+            fresh = fresh_errors(run, rivals, options.statement, reduced, progress)
     notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
     tests = ("tests",) if run.path("tests").is_file() else ()
     header = stage.header("simulation", ("scene", "snapshots", *tests, "basis", "model", "cubature"), -1, **notes)
-    write_simulation(run.path("simulation"), header, runs)
+    write_simulation(run.path("simulation"), header, runs, fresh)
     run.written("simulation")
+    if options.statement is not None and fresh:
+        said = bound(fresh["latent"], options.statement.quantile, options.statement.confidence)
+        progress.tell(sentence(said, about(options.statement)))
     for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
         progress.tell(f"warning: {warning}")
     return runs

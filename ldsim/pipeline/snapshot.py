@@ -13,6 +13,7 @@ from ldsim.dynamics.full.linear_choice import choose
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline.ensemble import run_identity, run_motions
+from ldsim.pipeline.files import file_sums
 from ldsim.pipeline.motions import motion
 from ldsim.pipeline.options import SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -69,7 +70,7 @@ def snapshot(
                     bar.reach(done)
 
                 run_motions(run.path("scene"), folder, missing, solver, min(workers, len(missing)), show, scheduler)
-        gathering = _Gathering(run, motions, kept, words)
+        gathering = _Gathering(run, motions, kept, words, base)
         gathering.write("snapshots", stages["snapshots"], options.learned, there.get("snapshots"))
         gathering.write("tests", stages["tests"], options.tests, there.get("tests"))
     return run.played
@@ -91,12 +92,14 @@ class _Gathering:
         motions: all, made for the scene.
         kept: name → where it lies already.
         words: how the full space was stepped.
+        base: the folder to which the files of the options are relative.
     """
 
     run: Run
     motions: Mapping[str, Motion]
     kept: Mapping[str, Snapshots]
     words: str
+    base: Path
 
     def write(self, kind: str, stage: Stage, options: SnapshotOptions, there: Snapshots | None) -> None:
         """Write one of them, unless it is there with just these motions.
@@ -105,14 +108,17 @@ class _Gathering:
             options: with the motions of this artefact alone.
         """
         run, names, earlier = self.run, [entry.name for entry in options.motions], 0.0
+        made_from = options.dump(), run.hash("scene"), file_sums(options.input_files, self.base)
         if there is not None:
             mine = [name for name in names if self.kept.get(name) is there]
-            fits = there.header.settings == options.dump() and there.header.inputs.get("scene") == run.hash("scene")
-            if fits and mine == names == there.names:
+            header = there.header
+            # artefacts of earlier versions do not say which files they were made from
+            before = header.settings, header.inputs.get("scene"), header.notes.get("files", made_from[2])
+            if before == made_from and mine == names == there.names:
                 return
             earlier = float(there.header.notes.get("seconds", 0.0)) if mine else 0.0
         notes: dict[str, str | float | int] = {"solver": self.words, "quasistatic": int(options.quasistatic)}
-        notes["seconds"] = stage.seconds + earlier
+        notes |= {"seconds": stage.seconds + earlier, "files": made_from[2]}
         header = stage.header(kind, ("scene",), options.seed, **notes)
         entries = [
             (self._stored(name), self.motions[name], role) for name, role in zip(names, options.roles, strict=True)

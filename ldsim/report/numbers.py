@@ -11,12 +11,15 @@ import numpy as np
 from scipy.stats import rankdata
 
 from ldsim.arrays import Array
-from ldsim.artefacts.store import STAGE_OF
+from ldsim.artefacts.store import STAGE_OF, WRITTEN_BY
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.pipeline.comparison import stretch
+from ldsim.pipeline.options import SimulateOptions
+from ldsim.pipeline.statement import about, bound, sentence
 from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
 from ldsim.report.machine import describe_machine
+from ldsim.report.options import ReportOptions
 from ldsim.report.runs import dimensions, runs
 from ldsim.report.schema import (
     MM_PER_M,
@@ -25,6 +28,7 @@ from ldsim.report.schema import (
     ForceErrors,
     FrontierRun,
     MachineDescription,
+    MadeFrom,
     MeshSize,
     MotionRun,
     NoveltyNumbers,
@@ -37,10 +41,12 @@ from ldsim.report.schema import (
     SpaceRuns,
     Speedups,
     StageCost,
+    Statement,
+    StatementBound,
     VertexErrors,
     VirtualRule,
 )
-from ldsim.run import SPACES, Run
+from ldsim.run import REDUCED, SPACES, Run
 from ldsim.space.novelty import remembered
 from ldsim.space.pca import errors_against_k
 from ldsim.space.projection import reconstruction_error
@@ -48,8 +54,8 @@ from ldsim.space.projection import reconstruction_error
 MS_PER_S = 1000.0
 
 
-def collect(run: Run, own_cost: Mapping[str, float]) -> RunNumbers:
-    """The content of report.json but its warnings, which follow from these numbers.
+def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> RunNumbers:
+    """The content of report.json but its warnings and its remedies, which follow from these numbers.
 
     Args:
         own_cost: seconds and peak_memory_mb of the report itself.
@@ -82,9 +88,12 @@ def collect(run: Run, own_cost: Mapping[str, float]) -> RunNumbers:
         space=str(run.header("simulation").notes.get("space", "latent")),
         frontier=_frontier(run),
         speedup=_speedups(run),
+        statement=_statement(run),
+        made_from=MadeFrom(settings=options.dump(), inputs=_inputs(run)),
         stages=_stages(run, own_cost),
         warnings=[],
         advice=advice(run),
+        remedies=[],
     )
 
 
@@ -281,6 +290,36 @@ def _speedup(run: Run, slower: str) -> float | None:
     if not fast:
         return None
     return _finite(float(np.median(np.concatenate(slow)) / np.median(np.concatenate(fast))))
+
+
+def _inputs(run: Run) -> dict[str, str]:
+    """The hash of every artefact; of tests.h5 where there is one."""
+    return {kind: run.hash(kind) for kind in WRITTEN_BY if run.path(kind).is_file()}
+
+
+def _statement(run: Run) -> Statement | None:
+    """Of the fresh motions, where there were some."""
+    options = SimulateOptions.of_dump(run.header("simulation").settings).statement
+    errors = run.fresh_errors
+    if options is None or not errors:
+        return None
+    bounds = {space: bound(errors[space], options.quantile, options.confidence) for space in REDUCED}
+    found, what = bounds["latent"], about(options)
+    return Statement(
+        sentence=sentence(found, what),
+        about=what,
+        motions=found.motions,
+        quantile=found.quantile,
+        confidence=found.confidence,
+        **{
+            space: StatementBound(
+                error=_finite(bounds[space].error),
+                median=_finite(np.median(errors[space])),
+                lost=int(np.isinf(errors[space]).sum()),
+            )
+            for space in REDUCED
+        },
+    )
 
 
 def _stages(run: Run, own_cost: Mapping[str, float]) -> dict[str, StageCost]:

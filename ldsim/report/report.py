@@ -19,6 +19,7 @@ from ldsim.report.numbers import collect
 from ldsim.report.options import ReportOptions
 from ldsim.report.page import render_page
 from ldsim.report.pictures import Picture, take_pictures
+from ldsim.report.remedies import Facts, remedies
 from ldsim.report.replay import make_replay
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
@@ -90,12 +91,12 @@ def build_report(
         progress()
         if picture is not None:
             pictures.append(picture)
-    numbers = collect(run, cost())
+    numbers = collect(run, ReportOptions(pictures=wanted.pictures), cost())
     warnings = [
         *warnings_of_numbers(numbers, wanted.cubature_tolerance),
         *warnings_of_run(run, wanted.training_tolerance_mm),
     ]
-    numbers = numbers.model_copy(update={"warnings": warnings})
+    numbers = numbers.model_copy(update={"warnings": warnings, "remedies": remedies(Facts.of(run, numbers))})
     replay = make_replay(run) if wanted.pictures else None
     page = render_page(numbers, figures, _within_budget(pictures), replay)
     return Report(numbers, page, figures, pictures)

@@ -192,6 +192,33 @@ class Speedups(ReportSection):
     latent_over_full: Annotated[Number, _about("against the full space, on the stretch that it was timed on")]
 
 
+class StatementBound(ReportSection):
+    """Of one space."""
+
+    error: Annotated[Number, _about("online error that the quantile stays within; null where too many were lost")]
+    median: Annotated[Number, _about("of the fresh motions")]
+    lost: Annotated[Count, _about("of the fresh motions")]
+
+
+class Statement(ReportSection):
+    """What holds of motions like some fresh ones that nothing had seen."""
+
+    sentence: Annotated[str, _about("in words, of the latent space")]
+    about: Annotated[str, _about("what the motions are")]
+    motions: Count
+    quantile: Annotated[Number, _about("share of such motions, smaller than asked where they were too few")]
+    confidence: Number
+    latent: StatementBound
+    linear: StatementBound
+
+
+class MadeFrom(ReportSection):
+    """What the report tells of: `ldsim make` compares it with what is there."""
+
+    settings: Annotated[str, _about("of the stage report, as YAML")]
+    inputs: Annotated[dict[str, str], _about("artefact → SHA-256 of its file")]
+
+
 class StageCost(ReportSection):
     seconds: Number
     peak_memory_mb: Annotated[Number, _about("largest resident memory of one process, 10⁶ bytes")]
@@ -213,9 +240,12 @@ class RunNumbers(ReportSection):
     space: Annotated[str, _about("what load, play and export use by default")]
     frontier: Annotated[list[FrontierRun], _about("every reduced space on every motion")]
     speedup: Speedups
+    statement: Statement | None
+    made_from: MadeFrom
     stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
     warnings: list[str]
     advice: Annotated[list[str], _about("which space to use for this solid, and why")]
+    remedies: Annotated[list[str], _about("what to turn, the most promising first; empty where no number is bad")]
 
     def headline_runs(self) -> dict[str, MotionRun]:
         """Space → its run of the motion that headlines are about: the first test motion, else a validation one."""

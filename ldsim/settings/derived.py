@@ -28,7 +28,7 @@ SOFT, SINKS, SAGS, BEARS = 1e5, 0.1, 0.05, 2.0
 REACH, STRAIN = 0.25, 0.5
 # Frames of the slowest oscillation, and the longest of them that still looks smooth, s.
 FRAMES, SMOOTH = 40, 1 / 60
-LEAST_R, MOST_R, COLUMNS = 10, 20, 40
+LEAST_R, MOST_R, COLUMNS = 16, 24, 40
 
 
 @dataclass(frozen=True)

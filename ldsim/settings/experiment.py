@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from ldsim.cubature.options import CubatureOptions
+from ldsim.errors import SettingsError
 from ldsim.learn.options import TrainOptions
 from ldsim.options import Name, Options, checked_options, read_options
 from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
@@ -43,9 +44,15 @@ class Settings(Options):
 STAGES = tuple(name for name in Settings.model_fields if name != "experiment")
 
 
-def load_settings(path: Path) -> Settings:
-    """Read and check a configuration; see `read_options`."""
-    return read_options(path, "configuration", Settings)
+def load_settings(path: Path, experiment: str | None = None) -> Settings:
+    """Read and check a configuration, and refuse one of another experiment; see `read_options`."""
+    settings = read_options(path, "configuration", Settings)
+    if experiment not in (None, settings.experiment):
+        raise SettingsError(
+            f"configuration {path}: experiment is {settings.experiment!r}, expected {experiment!r}; make finds the "
+            "files of an experiment by the name of its configuration"
+        )
+    return settings
 
 
 def settings_of(content: Mapping[str, Any], source: str) -> Settings:

@@ -13,7 +13,6 @@ import yaml
 
 from ldsim.artefacts.atomic import replacing, writing
 from ldsim.errors import SettingsError
-from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.formats import read_mesh, read_surface
 from ldsim.mesh.options import ShapeOptions
@@ -23,7 +22,7 @@ from ldsim.options import Field, Options, Positive
 from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.pipeline.solid import described, length, look_at
+from ldsim.pipeline.solid import Solid, described, length, look_at
 from ldsim.run import Run
 from ldsim.settings import derived
 from ldsim.settings.experiment import settings_of
@@ -31,6 +30,37 @@ from ldsim.settings.experiment import settings_of
 SURFACES = (".stl", ".obj", ".ply", ".off")
 CELLS = 10_000
 MODEL, POISSON = "stable_neo_hookean", 0.45
+
+TEMPLATE = """\
+# Made by `ldsim new`. Every value is a setting that can be changed; comments say what it was derived from.
+experiment: {name}
+mesh:
+  {geometry}
+  # {material}
+  material: {{model: {model}, youngs_modulus: {modulus}, poisson_ratio: {poisson}}}
+  density: 1000
+  time_step: {step} # a fortieth of its slowest oscillation, {slowest:.3g} Hz
+snapshot:
+  # reach: a quarter of its size, or less where that strains it by a half; stiffness: that of the solid where it is
+  # neither soft nor stiff; radius: holds a hundredth of its surface
+  motions:
+    - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
+    - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
+    - {{name: others, role: validation, pulls: {{count: 5, seed: 3, {pulls}}}}}
+    - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
+pca:
+  k: {columns}
+train:
+  kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
+  r: {r} # its frequencies slower than a time step, at least {least} and at most {most}
+  hidden: [64, 64]
+cubature:
+  poses: 200
+  heldout_poses: 50
+simulate:
+  # the error that is stated: pulls like these, which nothing else has seen; 59 are needed for 95 % at 95 % confidence
+  statement: {{motions: 59, pulls: {{count: 1, seed: 5, rest: 20, {pulls}}}}}
+"""
 
 
 class NewOptions(Options):
@@ -158,49 +188,36 @@ def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None
         factor, why = youngs_modulus / derived.SOFT, "as you say"
     elif factor > 1:
         why = f"{factor:g} times soft rubber's, so that it stands its own weight"
-    solid, modulus = solid.stiffened(factor), derived.SOFT * factor
-    step, columns = derived.time_step(solid), min(derived.COLUMNS, 3 * len(scene.free))
-    r = min(derived.coordinates(solid, step), columns)
-    pull = PullOptions(
-        count=10,
-        reach=derived.reach_of_pulls(solid),
-        stiffness=derived.stiffness_of_pulls(solid),
-        radius=derived.rounded(solid.radius),
-    )
-    pulls = ", ".join(f"{name}: {_number(getattr(pull, name))}" for name in ("reach", "stiffness", "radius"))
-    material = f"Young's modulus {_number(modulus)} Pa: {why} (--youngs-modulus)"
-    said = [*geometry.said, material, *described(solid, [pull])]
-    mesh_lines = "\n  ".join(geometry.lines)
-    return (
-        f"""\
-# Made by `ldsim new`. Every value is a setting that can be changed; comments say what it was derived from.
-experiment: {geometry.name}
-mesh:
-  {mesh_lines}
-  # {material}
-  material: {{model: {MODEL}, youngs_modulus: {_number(modulus)}, poisson_ratio: {POISSON}}}
-  density: 1000
-  time_step: {_number(step)} # a fortieth of its slowest oscillation, {solid.frequencies[0]:.3g} Hz
-snapshot:
-  # reach: a quarter of its size, or less where that strains it by a half; stiffness: that of the solid where it is
-  # neither soft nor stiff; radius: holds a hundredth of its surface
-  motions:
-    - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
-    - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
-    - {{name: others, role: validation, pulls: {{count: 5, seed: 3, {pulls}}}}}
-    - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
-pca:
-  k: {columns}
-train:
-  kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
-  r: {r} # its frequencies slower than a time step, at least {derived.LEAST_R} and at most {derived.MOST_R}
-  hidden: [64, 64]
-cubature:
-  poses: 200
-  heldout_poses: 50
-""",
-        said,
-    )
+    values = _values(solid, derived.SOFT * factor, 3 * len(scene.free))
+    material = f"Young's modulus {values['modulus']} Pa: {why} (--youngs-modulus)"
+    lines = "\n  ".join(geometry.lines)
+    text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, **values)
+    pulls = settings_of(yaml.safe_load(text), geometry.name).snapshot.motions[0].pulls
+    assert pulls is not None
+    return text, [*geometry.said, material, *described(solid.stiffened(factor), [pulls])]
+
+
+def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
+    """What follows from a solid that was looked at while it was of soft rubber, as the template has it."""
+    solid = solid.stiffened(modulus / derived.SOFT)
+    step, columns = derived.time_step(solid), min(derived.COLUMNS, unknowns)
+    pulls = {
+        "reach": derived.reach_of_pulls(solid),
+        "stiffness": derived.stiffness_of_pulls(solid),
+        "radius": derived.rounded(solid.radius),
+    }
+    return {
+        "model": MODEL,
+        "modulus": _number(modulus),
+        "poisson": POISSON,
+        "step": _number(step),
+        "slowest": solid.frequencies[0],
+        "pulls": ", ".join(f"{name}: {_number(value)}" for name, value in pulls.items()),
+        "columns": columns,
+        "r": min(derived.coordinates(solid, step), columns),
+        "least": derived.LEAST_R,
+        "most": derived.MOST_R,
+    }
 
 
 def _name(stem: str) -> str:
@@ -208,7 +225,8 @@ def _name(stem: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    return yaml.safe_dump(text, default_style='"', width=10_000).strip()
+    """A text as YAML has it, in quotes where it would be something else without."""
+    return yaml.safe_dump([text], default_flow_style=True, width=10_000, allow_unicode=True).strip()[1:-1]
 
 
 def _flow(options: Options) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -99,6 +100,72 @@ def attribute_spoilt(path: Path, rng: Rng) -> None:
     sealed(path)
 
 
+# Layouts that we never write, of one dataset; the checksum is made to fit afterwards.
+
+
+def external(file: h5py.File, name: str) -> None:
+    data = file[name]
+    shape, dtype = data.shape, data.dtype
+    del file[name]
+    file.create_dataset(name, shape, dtype, external=[("/etc/hostname", 0, h5py.h5f.UNLIMITED)])
+
+
+def virtual(file: h5py.File, name: str) -> None:
+    data = file[name]
+    layout = h5py.VirtualLayout(data.shape, data.dtype)
+    if data.shape:
+        layout[...] = h5py.VirtualSource("other.h5", "data", data.shape)
+    del file[name]
+    file.create_virtual_dataset(name, layout)
+
+
+def filtered(file: h5py.File, name: str) -> None:
+    values = file[name][()]
+    if np.size(values) > 1:
+        del file[name]
+        file.create_dataset(name, data=values, compression="gzip")
+    else:
+        virtual(file, name)
+
+
+def linked_out(file: h5py.File, name: str) -> None:
+    del file[name]
+    file[name] = h5py.ExternalLink("fifo.h5", "/data")
+
+
+def linked(file: h5py.File, name: str) -> None:
+    del file[name]
+    file[name] = h5py.SoftLink(f"/{name}")
+
+
+def doubled(file: h5py.File, name: str) -> None:
+    file[f"{name}_again"] = file[name]
+
+
+def in_a_circle(file: h5py.File, _: str) -> None:
+    file.create_group("circle")["circle"] = file["/"]
+
+
+def declared_only(file: h5py.File, name: str) -> None:
+    data = file[name]
+    shape, dtype = (10**8, *data.shape[1:]) if data.shape else (), data.dtype
+    del file[name]
+    file.create_dataset(name, shape, dtype, chunks=(1024, *data.shape[1:]) if data.shape else None)
+
+
+LAYOUTS = (external, virtual, filtered, linked_out, linked, doubled, in_a_circle, declared_only)
+
+
+def layout_spoilt(path: Path, rng: Rng) -> None:
+    """A dataset that lies elsewhere, is a link, or is only declared, beside a pipe that nobody writes into."""
+    pipe = path.parent / "fifo.h5"
+    if not pipe.exists():
+        os.mkfifo(pipe)
+    with h5py.File(path, "r+") as file:
+        LAYOUTS[int(rng.integers(len(LAYOUTS)))](file, str(rng.choice(list(datasets(file)))))
+    sealed(path)
+
+
 # How an artefact is spoilt, and whether what is left must be refused by whatever reads it.
 OF_ARTEFACTS: dict[str, tuple[Callable[[Path, Rng], None], bool]] = {
     "bytes": (bytes_flipped, True),
@@ -106,6 +173,7 @@ OF_ARTEFACTS: dict[str, tuple[Callable[[Path, Rng], None], bool]] = {
     "structure": (metadata_flipped, False),
     "dataset": (dataset_spoilt, False),
     "attribute": (attribute_spoilt, False),
+    "layout": (layout_spoilt, True),
 }
 
 

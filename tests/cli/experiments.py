@@ -56,7 +56,10 @@ TINY: dict[str, Any] = {
     "pca": {"k": 6},
     "train": {"r": 3, "hidden": [8], "epochs": 200, "batch": 16},
     "cubature": {"poses": 20, "heldout_poses": 10, "virtual": {"steps": 40}, "linear_sizes": [2]},
-    "simulate": {"full_frames": 5},
+    "simulate": {
+        "full_frames": 5,
+        "statement": {"motions": 5, "pulls": {"count": 1, "seed": 9, "reach": 0.08, "frames": 12, "rest": 4}},
+    },
     "report": {"pictures": 1},
 }
 

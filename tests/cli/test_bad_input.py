@@ -54,12 +54,11 @@ def test_a_bad_configuration(experiment: Experiment, command: str, case: str) ->
 
 
 @pytest.mark.parametrize("case", CONFIGURATIONS)
-def test_a_bad_configuration_is_told_by_settings_too(experiment: Experiment, case: str) -> None:
+def test_a_bad_configuration_is_told_by_settings_and_make_too(experiment: Experiment, case: str) -> None:
     spoil, words = CONFIGURATIONS[case]
     spoil(experiment)
-    for options in ([], ["--stamps", str(experiment.folder / "stamps")]):
-        assert words in refused(CliRunner().invoke(main, ["settings", str(experiment.config), *options]))
-    assert not (experiment.folder / "stamps").exists()
+    for command in ("settings", "make"):
+        assert words in refused(CliRunner().invoke(main, [command, str(experiment.config)]))
 
 
 # The artefacts that a command reads
@@ -109,8 +108,6 @@ def test_a_folder_that_cannot_be_made(experiment: Experiment) -> None:
     in_the_way = experiment.folder / "file"
     in_the_way.touch()
     result = CliRunner().invoke(main, ["mesh", str(experiment.config), "--runs", str(in_the_way / "runs")])
-    assert "cannot write " in refused(result)
-    result = CliRunner().invoke(main, ["settings", str(experiment.config), "--stamps", str(in_the_way / "stamps")])
     assert "cannot write " in refused(result)
 
 

@@ -14,11 +14,12 @@ from ldsim.cli.app import main
 from ldsim.settings import STAGES
 from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment
 
-ALL = [*COMMANDS, "info", "settings"]
+ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
 
 
 def test_all_commands_are_listed_in_the_order_they_run() -> None:
-    assert list(KNOWN) == ["new", *STAGES, "compare", "play", "record", "export", "info", "settings"]
+    others = ["list", "open", "compare", "play", "record", "export", "info", "settings"]
+    assert list(KNOWN) == ["new", "make", *STAGES, *others]
     text = CliRunner().invoke(main, ["-h"]).stdout
     places = [text.index(f"  {name} ") for name in KNOWN]
     assert places == sorted(places)
@@ -94,25 +95,3 @@ def test_settings_prints_the_configuration_with_defaults(experiment: Experiment)
     assert printed["mesh"]["density"] == 1000.0
     assert set(printed) == {"experiment", *STAGES}
     assert "# its slowest frequencies are " in result.stdout and "# pulls of 80 mm by a spring" in result.stdout
-
-
-def test_stamps_are_written_once_and_then_only_where_something_changed(experiment: Experiment) -> None:
-    folder = experiment.folder / "stamps"
-    arguments = ["settings", str(experiment.config), "--stamps", str(folder)]
-
-    def times() -> dict[str, int]:
-        assert CliRunner().invoke(main, arguments).exit_code == 0
-        return {path.stem: path.stat().st_mtime_ns for path in folder.iterdir()}
-
-    first = times()
-    assert set(first) == set(STAGES)
-    assert times() == first
-    experiment.change("train.epochs", 21)
-    after = times()
-    assert {stage for stage in STAGES if after[stage] != first[stage]} == {"train"}
-
-
-def test_settings_refuses_a_configuration_of_another_experiment(experiment: Experiment) -> None:
-    result = CliRunner().invoke(main, ["settings", str(experiment.config), "--experiment", "other"])
-    assert result.exit_code == 1
-    assert "experiment is 'tiny', expected 'other'" in result.stderr

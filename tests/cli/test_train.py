@@ -36,13 +36,15 @@ def model(experiment: Experiment) -> dict[str, bytes]:
     return found
 
 
-@pytest.mark.parametrize("given", [{}, SYNTHETIC | {"equilibrium": {"weight": 1.0}, "epochs": 30}], ids=["", "terms"])
+@pytest.mark.parametrize(
+    ("pulls", "given"), [({}, {}), (SYNTHETIC, {"equilibrium": {"weight": 1.0}, "epochs": 30})], ids=["", "terms"]
+)
 def test_python_and_a_configuration_with_the_same_values_make_the_same_model(
-    experiment: Experiment, given: dict[str, Any], capfd: pytest.CaptureFixture[str]
+    experiment: Experiment, pulls: dict[str, Any], given: dict[str, Any], capfd: pytest.CaptureFixture[str]
 ) -> None:
     values = TINY["train"] | given
-    experiment.configure(TINY | {"train": values})
-    assert experiment.invoke("train").exit_code == 0
+    experiment.configure(TINY | {"pca": TINY["pca"] | pulls, "train": values})
+    assert experiment.invoke("pca").exit_code == experiment.invoke("train").exit_code == 0
     written = model(experiment)
     (experiment.run / "model.h5").unlink()
     capfd.readouterr()

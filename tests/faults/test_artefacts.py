@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import ArtefactError, LdsimError
 from ldsim.run import Run
+from reproduction.faults import mutations
 from tests.artefacts.examples import EXAMPLES
 from tests.artefacts.test_artefacts import header, refusal
 from tests.helpers import changed
@@ -46,65 +48,16 @@ def test_no_flipped_bit_goes_unnoticed(kind: str, artefact: Path) -> None:
 # Layouts that we never write: of each dataset of each kind, made so that the checksum fits.
 
 
-def external(file: h5py.File, name: str) -> None:
-    data = file[name]
-    shape, dtype = data.shape, data.dtype
-    del file[name]
-    file.create_dataset(name, shape, dtype, external=[("/etc/hostname", 0, h5py.h5f.UNLIMITED)])
-
-
-def virtual(file: h5py.File, name: str) -> None:
-    data = file[name]
-    layout = h5py.VirtualLayout(data.shape, data.dtype)
-    if data.shape:
-        layout[...] = h5py.VirtualSource("other.h5", "data", data.shape)
-    del file[name]
-    file.create_virtual_dataset(name, layout)
-
-
-def filtered(file: h5py.File, name: str) -> None:
-    values = file[name][()]
-    if np.size(values) > 1:
-        del file[name]
-        file.create_dataset(name, data=values, compression="gzip")
-    else:
-        virtual(file, name)
-
-
-def linked_out(file: h5py.File, name: str) -> None:
-    del file[name]
-    file[name] = h5py.ExternalLink("fifo.h5", "/data")
-
-
-def linked(file: h5py.File, name: str) -> None:
-    del file[name]
-    file[name] = h5py.SoftLink(f"/{name}")
-
-
-def doubled(file: h5py.File, name: str) -> None:
-    file[f"{name}_again"] = file[name]
-
-
-def in_a_circle(file: h5py.File, name: str) -> None:
-    file.create_group("circle")["circle"] = file["/"]
-
-
-def declared_only(file: h5py.File, name: str) -> None:
-    data = file[name]
-    shape, dtype = (10**8, *data.shape[1:]) if data.shape else (), data.dtype
-    del file[name]
-    file.create_dataset(name, shape, dtype, chunks=(1024, *data.shape[1:]) if data.shape else None)
-
-
+NOT_OURS = "is external, virtual or filtered"
 LAYOUTS = {
-    "external": (external, "is external, virtual or filtered|there are 0"),
-    "virtual": (virtual, "is external, virtual or filtered"),
-    "filtered": (filtered, "is external, virtual or filtered"),
-    "a link to another file": (linked_out, "is a link"),
-    "a link to itself": (linked, "is a link"),
-    "an object with two names": (doubled, "is a second name"),
-    "a group that holds itself": (in_a_circle, "is a second name"),
-    "a size that is only declared": (declared_only, "bytes, there are 0|expected"),
+    "external": (mutations.external, f"{NOT_OURS}|there are 0"),
+    "virtual": (mutations.virtual, NOT_OURS),
+    "filtered": (mutations.filtered, NOT_OURS),
+    "a link to another file": (mutations.linked_out, "is a link"),
+    "a link to itself": (mutations.linked, "is a link"),
+    "an object with two names": (mutations.doubled, "is a second name"),
+    "a group that holds itself": (mutations.in_a_circle, "is a second name"),
+    "a size that is only declared": (mutations.declared_only, "bytes, there are 0|expected"),
 }
 
 
@@ -278,3 +231,20 @@ def test_a_space_of_parts_that_do_not_belong_together_cannot_be_made(playable: P
         if what == "columns":
             space.reduced_basis.columns(K + 1)
         replace(space, **changes[what])
+
+
+@pytest.mark.parametrize(
+    "change", [lambda file: file.pop("mean"), put("mean", lambda m: m[1:]), put("more", lambda _: 1.0)]
+)
+def test_a_checkpoint_that_lacks_something_is_none(tmp_path: Path, change: Callable[[h5py.File], object]) -> None:
+    """Found by the campaign: it fitted its checksum, and `ldsim train` ended with a KeyError."""
+    store, arrays = TrainingStore(tmp_path, "r3", "this one"), {"mean": np.arange(3.0), "best": np.float64(2.0)}
+    store.save(arrays)
+    kept = store.load()
+    assert kept is not None and {name: values.tolist() for name, values in kept.items()} == {
+        "mean": [0, 1, 2],
+        "best": 2,
+    }
+    with changed(tmp_path / "r3.checkpoint.h5") as file:
+        change(file)
+    assert store.load() is None

@@ -14,7 +14,7 @@ from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import read_recording, write_recording
 from ldsim.run import Run
 from ldsim.settings import load_settings
-from reproduction.faults.campaign import alone
+from reproduction.faults.alone import alone
 from reproduction.faults.mutations import OF_ARTEFACTS, text_spoilt
 from tests.cli.experiments import TINY
 from tests.simulator.playable import write_playable

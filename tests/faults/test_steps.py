@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.minimiser import _update
 from ldsim.dynamics.reduced.potential import make_work, value_gradient
@@ -91,6 +93,31 @@ def test_a_step_of_the_full_space_takes_no_longer_than_it_may() -> None:
     assert {record.reason for record in records} & {Reason.ITERATIONS_SPENT, Reason.NO_DECREASE}
     unbounded = FullOptions().max_iterations
     assert all(record.iterations < unbounded for record in records)
+
+
+def test_a_hard_step_of_thirty_thousand_cells_ends_with_the_evaluation_in_which_its_time_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Row 11: beyond its time a step takes what is left of one evaluation, and a factor at most; no line search."""
+    body = scene(beam(0.4, 0.1, 0.1, 12), "neo_hookean", 3e4)
+    assert body.mesh.n_cells >= 30_000
+    evaluate, ticks = IncrementalPotential.value_gradient, [0.0]
+
+    def counted(*given: Any) -> float:
+        ticks[0] += 1
+        return evaluate(*given)
+
+    monkeypatch.setattr(IncrementalPotential, "value_gradient", counted)
+    clock = SimpleNamespace(perf_counter=lambda: ticks[0])
+    monkeypatch.setattr("ldsim.optimise.minimiser.time", clock)
+    monkeypatch.setattr("ldsim.dynamics.full.stepper.time", clock)
+    stepper = FullStepper(body, seconds=10.0)
+    far = body.mesh.vertices[:, 0].argmax()
+    loads = Loads((Grab(np.array([far]), body.mesh.vertices[far] + [1.0, 3.0, 0.0], 1e6),))
+    state, solution = stepper.step(stepper.rest(), loads)
+    assert solution.evaluations <= 11
+    assert solution.reason == Reason.ITERATIONS_SPENT
+    assert np.isfinite(state.u).all() and stepper.factorisations == 1
 
 
 def test_a_pull_whose_gradient_is_all_rounding_ends_its_steps() -> None:

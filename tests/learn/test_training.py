@@ -76,7 +76,7 @@ def test_the_papers_training_is_adam_at_a_rate_that_stays(monkeypatch: pytest.Mo
         (group,) = optimiser.param_groups
         before = [parameter.detach().clone() for parameter in group["params"]]
         step(optimiser)
-        moved = max(float((a - b).abs().max()) for a, b in zip(group["params"], before, strict=True))
+        moved = max(float((a.detach() - b).abs().max()) for a, b in zip(group["params"], before, strict=True))
         rates.append(group["lr"] if rates else moved)
 
     monkeypatch.setattr(torch.optim.Adam, "step", watched)

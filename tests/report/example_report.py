@@ -59,10 +59,21 @@ def example_report() -> dict[str, Any]:
             "latent_over_linear_kp": 16.92,
             "latent_over_full": 542.1,
         },
+        "statement": {
+            "sentence": "95 % of motions like these stay within 4.6 %.",
+            "about": "one pull from rest",
+            "motions": 58,
+            "quantile": 0.951,
+            "confidence": 0.952,
+            "latent": {"error": 0.0463, "median": 0.0214, "lost": 0},
+            "linear": {"error": 0.0474, "median": 0.0225, "lost": 2},
+        },
+        "made_from": {"settings": "pictures: 3\n", "inputs": {"scene": "b1946ac9", "model": "591785b7"}},
         "stages": {
             "mesh": {"seconds": 1.92, "peak_memory_mb": 412.3},
             "train": {"seconds": 17.3, "peak_memory_mb": 811.9},
         },
+        "remedies": ["Set train.r to 14 (now 10)."],
         "warnings": ["On motion x_2 the latent run is far away."],
         "advice": ["For this solid use the latent space of 10 numbers."],
     }

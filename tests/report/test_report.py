@@ -17,6 +17,7 @@ from PIL import Image
 from ldsim.optimise.solution import Reason
 from ldsim.report import report as report_module
 from ldsim.report.numbers import collect
+from ldsim.report.options import ReportOptions
 from ldsim.report.pictures import mean_displacement, moments, peaks
 from ldsim.report.report import Report, Wanted, build_report, write_report
 from ldsim.report.schema import STAGES, check_report
@@ -221,13 +222,13 @@ def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder
 def test_a_diverged_run_has_no_part_in_the_speedup(lost_folder):
     slow, fast = raw(lost_folder, "simulation", "runs/linear/pull_1/seconds", "runs/latent/pull_1/seconds")
     with finished_run(lost_folder) as run:
-        speedup = collect(run, COST).speedup
+        speedup = collect(run, ReportOptions(), COST).speedup
     assert speedup.latent_over_linear_kp == pytest.approx(np.median(slow) / np.median(fast))
 
 
 def test_a_space_that_ran_nothing_leaves_nulls(folder):
     with finished_run(folder) as run:
-        numbers = collect(changed(run, "simulation", {"latent": run.simulation["latent"]}), COST)
+        numbers = collect(changed(run, "simulation", {"latent": run.simulation["latent"]}), ReportOptions(), COST)
     assert numbers.simulate.full == numbers.simulate.linear == []
     ratios = [value for name, value in numbers.speedup.model_dump().items() if name.startswith("latent_over")]
     assert ratios == [None, None, None]
@@ -348,7 +349,7 @@ def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
 def test_numbers_that_are_not_finite_become_null(folder):
     with finished_run(folder) as run:
         errors = np.array([[np.nan, np.inf], [np.nan, np.nan]])
-        numbers = collect(changed(run, "model", replace(run.model, errors=errors)), COST).model_dump()
+        numbers = collect(changed(run, "model", replace(run.model, errors=errors)), ReportOptions(), COST).model_dump()
     assert numbers["reconstruction"]["train"]["autoencoder"] == {"max_mm": None, "mean_mm": None}
     assert not any(isinstance(value, float) and not math.isfinite(value) for value in leaves(numbers))
 

@@ -41,8 +41,10 @@ static size_t damage(unsigned char *bytes, size_t size, size_t original)
     static const uint32_t odd[] = {0, 1, 2, 7, 255, 65535, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7FF00000, 0xFFF80000};
     const size_t changes = 1 + below(4);
     for (size_t i = 0; i < changes; i++) {
-        /* the header decides most, so every second change is made there */
-        const size_t at = below(2) ? 4 * below(64) : below(original - 4);
+        /* the header decides most, then the indices, which stand at the end */
+        const size_t end = original / 4 < 2048 ? original / 4 : 2048;
+        const size_t places[] = {below(original - 4), original - 4 - 4 * below(end)};
+        const size_t at = below(2) ? 4 * below(64) : places[below(2)];
         const uint32_t value = below(2) ? odd[below(sizeof odd / sizeof *odd)] : (uint32_t)next_random();
         if (below(2)) memcpy(bytes + at, &value, 4);
         else bytes[at] ^= (unsigned char)(1u << below(8));

@@ -9,7 +9,7 @@ from ldsim.arrays import Array
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.mechanics.loads import Loads
+from ldsim.runtime.follower import Follower
 from ldsim.runtime.library import Library, NativeModel, NativeSolid
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
@@ -17,30 +17,6 @@ from tests.runtime.problems import SPACES, loads
 
 FRAMES = 1000
 TIGHT = ReducedOptions(tolerance=1e-8)
-
-
-class Follower:
-    """Does to a solid of the library what the loads of each frame say."""
-
-    def __init__(self, solid: NativeSolid, space: Space) -> None:
-        self.solid, self._space = solid, space
-        self.grabs: dict[bytes, int] = {}
-
-    def step(self, acting: Loads) -> int:
-        """Iterations of the step."""
-        solid, wanted = self.solid, {grab.vertices.tobytes(): grab for grab in acting.grabs}
-        for key in [key for key in self.grabs if key not in wanted]:
-            solid.release(self.grabs.pop(key))
-        for key, grab in wanted.items():
-            if key in self.grabs:
-                solid.move(self.grabs[key], grab.target)
-            else:
-                self.grabs[key] = solid.grab_vertices(grab.vertices, grab.target, grab.stiffness)
-        solid.set_gravity(self._space.scene.gravity if acting.gravity is None else acting.gravity)
-        maps = {pins.vertices.tobytes(): pins.map for pins in acting.pins}
-        for i, vertices in enumerate(() if self._space.lifting is None else self._space.lifting.supports):
-            solid.move_pins(i, maps.get(vertices.tobytes(), np.eye(3, 4)))
-        return solid.step()[0]
 
 
 def both(library: Library, space: Space, options: ReducedOptions) -> tuple[Array, Array, Array]:

@@ -114,8 +114,9 @@ def test_pulls_and_steps_follow_the_solid() -> None:
     assert reach_of_pulls(solid) == 0.05
     assert reach_of_pulls(a_solid(strain=np.array([40.0, 50.0, 60.0]))) == 0.02
     assert time_step(solid) == 0.005
-    assert coordinates(solid, 0.005) == 10
-    assert coordinates(a_solid(frequencies=np.linspace(5, 30, 40)), 0.005) == 20
+    assert coordinates(solid, 0.005) == 16
+    assert coordinates(a_solid(frequencies=np.linspace(5, 50, 30)), 0.005) == 18
+    assert coordinates(a_solid(frequencies=np.linspace(5, 30, 40)), 0.005) == 24
     stiff = solid.stiffened(100)
     assert stiffness_of_pulls(stiff) == 100 * stiffness_of_pulls(solid)
     assert reach_of_pulls(stiff) == reach_of_pulls(solid)

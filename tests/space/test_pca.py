@@ -12,7 +12,7 @@ from ldsim.errors import SolverError
 from ldsim.mesh.shapes import beam
 from ldsim.space.basis import inner_product, weighted
 from ldsim.space.options import PcaOptions
-from ldsim.space.pca import Chunks, errors_against_k, fit_basis
+from ldsim.space.pca import Chunks, errors_against_k, fit_basis, turned
 from ldsim.space.projection import matching_dimension
 from tests.helpers import scene
 
@@ -53,6 +53,30 @@ def test_the_euclidean_basis_spans_what_the_singular_value_decomposition_does() 
     _, values, vt = np.linalg.svd(rows.astype(np.float64), full_matrices=False)
     np.testing.assert_allclose(basis.singular_values[:6], values[:6], rtol=1e-5)
     assert np.linalg.svd(vt[:6] @ basis.basis.matrix)[1].min() == pytest.approx(1, abs=1e-8)
+
+
+def test_a_turned_basis_is_that_of_recorded_and_synthetic_frames_together() -> None:
+    """Its leading columns are the singular vectors of all frames, recorded ones as heavy as the others together."""
+    rows, metric = snapshots(), inner_product(BODY.mass, "mass")
+    found = fit_basis(streamed(rows, 16), metric, PcaOptions(k=8))
+    q = found.basis.project(rows.astype(np.float64))
+    synthetic = np.random.default_rng(3).normal(size=(100, 8)) * np.linspace(0.1, 3, 8) * q.std(axis=0).max()
+    other = turned(found, q, synthetic, streamed(rows, 16))
+    U = other.basis.matrix
+    np.testing.assert_allclose(weighted(metric, U.T) @ U, np.eye(8), atol=1e-10)
+    assert other.synthetic is not None
+    np.testing.assert_allclose(other.synthetic @ U.T, synthetic @ found.basis.matrix.T, atol=1e-5)
+    together = np.concatenate([np.sqrt(len(synthetic) / len(q)) * q, synthetic])
+    for j in (1, 3, 5):
+        left = together - together @ (V := np.linalg.svd(together, full_matrices=False)[2][:j].T) @ V.T
+        columns = weighted(metric, found.basis.matrix.T) @ U[:, :j]
+        mine = together - together @ columns @ columns.T
+        assert np.linalg.norm(mine) == pytest.approx(np.linalg.norm(left), rel=1e-8)
+        plain = together.copy()
+        plain[:, :j] = 0
+        assert np.linalg.norm(mine) < 0.95 * np.linalg.norm(plain)
+    np.testing.assert_allclose(other.max_error[[0, -1]], found.max_error[[0, -1]], rtol=1e-6)
+    np.testing.assert_allclose(other.max_error, errors_against_k(streamed(rows, 16), other.basis)[0])
 
 
 def test_errors_against_k_are_those_of_the_projections() -> None:

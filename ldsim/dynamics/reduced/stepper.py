@@ -205,8 +205,11 @@ class ReducedStepper:
         return np.concatenate([state.q, np.zeros(self._pins.fields.shape[2]) if state.a is None else state.a])
 
     def extent(self, state: ReducedState) -> float:
-        """The mass-weighted root mean square of U q, metres; NaN where the state is not finite."""
+        """The mass-weighted root mean square of the displacement, pins apart, metres; NaN where it is not finite."""
         with np.errstate(over="ignore", invalid="ignore"):
+            if self.space.is_condensed:  # what gravity and grabs move beside the coordinates may be the most of it
+                u = self.space.displacement(state.q) + self.residual(state.q, state.loads)
+                return float(np.sqrt(np.vdot(u, self.scene.mass @ u) / self._total_mass))
             return float(np.sqrt(state.q @ self.mass @ state.q / self._total_mass))
 
     def stiffened(self, scale: float) -> ReducedStepper:

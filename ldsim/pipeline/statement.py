@@ -1,0 +1,140 @@
+"""A statement that holds: how far the model is off on random motions that nothing has seen.
+
+The bound is an order statistic, so that it supposes nothing of how the errors are distributed but that the motions are
+drawn alike and independently (Wilks 1941, "Determination of sample sizes for setting tolerance limits").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binom
+
+from ldsim.arrays import Array
+from ldsim.artefacts.partial import MotionStore, write_snapshots
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.store import read_header, reading
+from ldsim.dynamics.full.linear_choice import choose
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.random_pulls import surface_pulls
+from ldsim.mechanics.scene import Scene
+from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
+from ldsim.pipeline.ensemble import run_motions
+from ldsim.pipeline.options import StatementOptions
+from ldsim.pipeline.progress import Progress
+from ldsim.run import Run
+from ldsim.space.lifting import Lifting
+from ldsim.space.space import Space
+
+# Full-space runs side by side.
+WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Bound:
+    """With this confidence, this share of motions drawn like those that were tried has no larger error.
+
+    Attributes:
+        error: infinite where too many were lost.
+    """
+
+    quantile: float
+    confidence: float
+    error: float
+    motions: int
+
+
+def bound(errors: Array, quantile: float, confidence: float) -> Bound:
+    """The least of the errors that at least a quantile of all motions stays within, with some confidence.
+
+    The k-th smallest of n covers the quantile q with the probability that fewer than k of n fall below that, P(B(n, q)
+    < k). Where n are too few for the quantile that is asked for, the largest of them covers a smaller one, (1 −
+    c)^(1/n), and that is told.
+
+    Args:
+        errors: of motions drawn alike and independently, (n,); infinite where one was lost.
+    """
+    n, ordered = len(errors), np.sort(np.where(np.isnan(errors), np.inf, errors))
+    sure = binom.cdf(np.arange(n), n, quantile) >= confidence
+    if sure.any():
+        return Bound(quantile, confidence, float(ordered[int(sure.argmax())]), n)
+    return Bound((1 - confidence) ** (1 / n), confidence, float(ordered[-1]), n)
+
+
+def fresh_motions(scene: Scene, options: StatementOptions) -> list[Motion]:
+    """Motions drawn independently of each other, each from rest: its own seed, and so its own places and directions."""
+    seeds = np.random.SeedSequence(options.pulls.seed).generate_state(options.motions)
+    return [surface_pulls(f"fresh_{i}", scene, options.pulls.replace(seed=int(seed))) for i, seed in enumerate(seeds)]
+
+
+def fresh_errors(
+    run: Run, spaces: Sequence[Space], options: StatementOptions, reduced: ReducedOptions, progress: Progress
+) -> dict[str, Array]:
+    """Space → the online error of each fresh motion, (n,), infinite where it was lost.
+
+    Their full-space runs are kept beside the run, in fresh.h5, as long as solid and motions stay the same.
+    """
+    _run_fresh(run, options, progress)
+    errors: dict[str, list[float]] = {space.name: [] for space in spaces}
+    with Snapshots(run.path("fresh"), kind="tests") as snapshots:
+        with progress.bar("simulate: fresh motions", len(snapshots.names) * len(spaces), "motion") as bar:
+            for name in snapshots.names:
+                found = snapshots.recorded(name)
+                reference = Reference(found.motion, found.held, snapshots.reader(name))
+                lifting = Lifting.of(run.scene, [found.motion])
+                for space in (space.with_lifting(lifting) for space in spaces):
+                    trajectory = run_reduced(ReducedStepper(space, reduced), reference)
+                    error = with_errors(trajectory, trajectory, space, reference).relative_error
+                    errors[space.name].append(math.inf if error is None or math.isnan(error) else error)
+                    bar.update()
+    return {name: np.array(values) for name, values in errors.items()}
+
+
+def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
+    """The fresh motions in the full space, interrupted and gone on with like any others."""
+    stage, path, folder = run.stage("snapshot", options), run.path("fresh"), run.folder / "fresh.partial"
+    own = StatementOptions(motions=options.motions, pulls=options.pulls).dump()
+    if path.is_file():
+        with reading(path, "tests") as file:
+            header = read_header(file)
+        if header.settings == own and header.inputs == {"scene": run.hash("scene")}:
+            return
+    motions = fresh_motions(run.scene, options)
+    quasistatic = bool(run.header("snapshots").notes.get("quasistatic", 0))
+    chosen = {"linear_solver": choose(run.scene, "auto", WORKERS).name}
+    solver = FullOptions(quasistatic=quasistatic).model_copy(update=chosen)
+    with progress.bar("simulate: fresh motions, full space", sum(each.frames for each in motions), "frame") as bar:
+
+        def show(done: int, unfinished: int) -> None:
+            bar.say(f"{unfinished} motions to finish")
+            bar.reach(done)
+
+        run_motions(run.path("scene"), folder, motions, solver, WORKERS, show)
+    header = stage.header("tests", ("scene",), options.pulls.seed).with_settings(own)
+    stores = [(MotionStore(folder, motion), motion, "test") for motion in motions]
+    write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
+
+
+def about(options: StatementOptions) -> str:
+    """What the motions are that a statement is about."""
+    pulls = options.pulls
+    many = "one pull" if pulls.count == 1 else f"{pulls.count} pulls"
+    return (
+        f"{many} from rest anywhere on its surface, in any direction, by {400 * pulls.reach:.3g} to "
+        f"{1000 * pulls.reach:.3g} mm with a spring of {pulls.stiffness:.3g} N/m"
+    )
+
+
+def sentence(found: Bound, what: str) -> str:
+    """The statement in words; `what` the motions are, see `about`."""
+    share = f"{100 * found.quantile:.3g} % of motions like these"
+    with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones that nothing had seen"
+    if not math.isfinite(found.error):
+        return f"Nothing can be said of {share}: too many of {found.motions} fresh ones were lost ({what})."
+    return f"{share} stay within {100 * found.error:.3g} % of the full space ({with_}; {what})."

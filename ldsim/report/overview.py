@@ -1,0 +1,119 @@
+"""Runs in a few lines, for the terminal: how far each has come, how good it is, what its report warns of."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ldsim.artefacts.store import STAGE_OF
+from ldsim.errors import ArtefactError
+from ldsim.report.schema import RunNumbers, check_report
+
+PAGE, NUMBERS = Path("report") / "report.html", Path("report") / "report.json"
+COLUMNS = ("run", "state", "cells", "r", "error", "step", "changed")
+
+
+def listed(runs: Path) -> list[str]:
+    """A table of all runs in a folder, newest last; the error is that of the statement, or on a motion held out.
+
+    Raises:
+        ArtefactError: the folder has no run.
+    """
+    folders = [path for path in runs.iterdir() if (path / "scene.h5").is_file()] if runs.is_dir() else []
+    if not folders:
+        raise ArtefactError(f"{runs} holds no run; `ldsim make CONFIG` makes one, or say where they lie with --runs")
+    rows = [COLUMNS, *(_row(path) for path in sorted(folders, key=_changed))]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(f"{text:{width}}" for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def told(folder: Path) -> list[str]:
+    """What there is to say of a run: the statement, the state, the main numbers, and the warnings of its report.
+
+    Raises:
+        ArtefactError: the folder is no run.
+    """
+    if not (folder / "scene.h5").is_file():
+        raise ArtefactError(f"{folder} is not the folder of a run; give one such as runs/demo, or an artefact's file")
+    numbers = report_of(folder)
+    if numbers is None:
+        return [f"{folder}: {state(folder)}"]
+    lines = [] if numbers.statement is None else [numbers.statement.sentence]
+    lines.append(
+        f"{folder}: {state(folder)}, reported {numbers.created}; {numbers.mesh.cells} {numbers.mesh.cell_type} cells, "
+        f"r {numbers.dims.r}, k {numbers.dims.k}"
+    )
+    for run in numbers.simulate.latent:
+        error = run.online_error.relative if run.online_error else None
+        found = "no error known" if error is None else f"{100 * error:.3g} % from the full space"
+        step = "" if run.median_step_ms is None else f", {1000 * run.median_step_ms:.3g} µs a step"
+        lines.append(f"  {run.motion} ({run.role}): {'diverged' if run.diverged else found}{step}")
+    return [*lines, *(f"  {line}" for line in read_first(numbers)), f"  {(folder / PAGE).resolve()}"]
+
+
+def read_first(numbers: RunNumbers) -> list[str]:
+    """The warnings, the advice and what to turn, as the page of a report has them."""
+    turn = (f"to turn: {text}" for text in numbers.remedies)
+    return [*(f"warning: {text}" for text in numbers.warnings), *numbers.advice, *turn]
+
+
+def missed(folder: Path, percent: float) -> str | None:
+    """What is to be said where the stated error of the latent space is not known, or larger than was asked for."""
+    numbers = report_of(folder)
+    if numbers is None or numbers.statement is None:
+        return "no error is stated: set simulate.statement, which says of what motions"
+    found = numbers.statement.latent.error
+    if found is not None and 100 * found <= percent:
+        return None
+    reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
+    return f"{reached}, asked were {percent:g} %; the report says what to turn"
+
+
+def page_of(folder: Path) -> Path:
+    """The report of a run.
+
+    Raises:
+        ArtefactError: there is none yet.
+    """
+    if not (folder / PAGE).is_file():
+        raise ArtefactError(f"{folder} has no report yet ({state(folder)}); run `ldsim make CONFIG` to its end")
+    return (folder / PAGE).resolve()
+
+
+def state(folder: Path) -> str:
+    """How far a run has come: the last stage whose artefact is there, with all before it."""
+    stage = ""
+    for kind, name in STAGE_OF.items():
+        if not (folder / f"{kind}.h5").is_file():
+            unfinished = any(folder.glob(f"{kind}.partial/*"))
+            return f"done up to {stage}" + (f", {name} begun" if unfinished else "") if stage else "nothing done"
+        stage = name
+    return "finished" if (folder / PAGE).is_file() else f"done up to {stage}"
+
+
+def report_of(folder: Path) -> RunNumbers | None:
+    """The numbers of a run's report; None where there is none that this version reads."""
+    try:
+        content = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return None if check_report(content) else RunNumbers.model_validate(content)
+
+
+def _row(folder: Path) -> tuple[str, ...]:
+    numbers, changed = report_of(folder), datetime.fromtimestamp(_changed(folder), UTC).strftime("%Y-%m-%d %H:%M")
+    if numbers is None:
+        return folder.name, state(folder), "", "", "", "", changed
+    run = numbers.headline_runs().get("latent")
+    error = run.online_error.relative if run and run.online_error else None
+    if numbers.statement is not None:
+        error = numbers.statement.latent.error
+    percent = "" if error is None else f"{100 * error:.2g} %"
+    step = f"{1000 * run.median_step_ms:.2g} µs" if run and run.median_step_ms is not None else ""
+    return folder.name, state(folder), str(numbers.mesh.cells), str(numbers.dims.r), percent, step, changed
+
+
+def _changed(folder: Path) -> float:
+    """When its newest artefact was written."""
+    return max(path.stat().st_mtime for path in folder.glob("*.h5"))

@@ -1,0 +1,219 @@
+"""What to turn when a number is bad: each piece of advice names a setting, its new value, why, and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldsim.arrays import Array
+from ldsim.cubature.options import CubatureOptions
+from ldsim.learn.options import TrainOptions
+from ldsim.report.schema import STAGES, MotionRun, RunNumbers
+from ldsim.report.warnings import LARGE_ONLINE_ERROR
+from ldsim.run import Run
+from ldsim.space.options import PcaOptions
+
+# A reconstruction, or what PCA cuts off, is bad beyond this share of what the motion moves.
+POOR = 0.03
+# The loss still falls when a tenth of the epochs lowers it so; it learns by heart when the validation loss is so large.
+FALLING, BY_HEART = 0.95, 10.0
+# A windowed error so much smaller says that the whole one is drift.
+DRIFT = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What advice is drawn from: the numbers of the report, the options that made them, and the losses, (epochs, 2)."""
+
+    numbers: RunNumbers
+    pca: PcaOptions
+    train: TrainOptions
+    cubature: CubatureOptions
+    loss: Array
+
+    @classmethod
+    def of(cls, run: Run, numbers: RunNumbers) -> Facts:
+        """Those of a finished run."""
+        settings = {kind: run.header(kind).settings for kind in ("basis", "model", "cubature")}
+        return cls(
+            numbers,
+            PcaOptions.of_dump(settings["basis"]),
+            TrainOptions.of_dump(settings["model"]),
+            CubatureOptions.of_dump(settings["cubature"]),
+            run.model.loss,
+        )
+
+    def bad(self, training: bool) -> MotionRun | None:
+        """The worst latent run of a training motion, or of another, if it is bad."""
+        runs = [run for run in self.numbers.simulate.latent if (run.role == "train") == training]
+        worst = max(runs, key=relative, default=None)
+        return worst if worst is not None and relative(worst) > LARGE_ONLINE_ERROR else None
+
+    def poor(self, method: str) -> bool:
+        """Whether a space cannot hold the training poses: what it leaves is a fair share of what the motions move."""
+        found, moved = self.numbers.reconstruction.train, [displacement(run) for run in self.numbers.simulate.latent]
+        error = found[method].mean_mm if found is not None and found[method] is not None else None
+        least = min((each for each in moved if each is not None), default=None)
+        return error is not None and least is not None and error > POOR * least
+
+    def cost(self, first: str) -> str:
+        """The time of a stage and of all that follow it, as they took."""
+        stages = self.numbers.stages
+        seconds = sum(stages[name].seconds or 0 for name in STAGES[STAGES.index(first) :] if name in stages)
+        return f"{first} and what follows took {_duration(seconds)}"
+
+
+def remedies(facts: Facts) -> list[str]:
+    """The rows that apply, the most promising first; empty where no number is bad."""
+    return [found for found in (row(facts) for row in ROWS) if found is not None]
+
+
+def _basis_too_small(facts: Facts) -> str | None:
+    if not facts.poor("pca_k"):
+        return None
+    k = facts.numbers.dims.k or 0
+    return (
+        f"The linear space itself cuts off too much of the training motions: set pca.k to {_more(k, 1.5)} "
+        f"(now {k}) or more; {facts.cost('pca')}."
+    )
+
+
+def _network_too_small(facts: Facts) -> str | None:
+    if not facts.poor("autoencoder") or facts.poor("pca_k"):
+        return None
+    options, r = facts.train, facts.numbers.dims.r or 0
+    if options.kind == "autoencoder" and _still_falling(facts.loss):
+        return (
+            f"The training loss is still falling: set train.epochs to {2 * options.epochs} (now {options.epochs}); "
+            f"{facts.cost('train')}, and the training twice as long."
+        )
+    return (
+        f"The latent space does not hold the training poses, and the linear space does: set train.r to {_more(r, 1.4)} "
+        f"(now {r}), or wider train.hidden; {facts.cost('train')}."
+    )
+
+
+def _unseen(facts: Facts) -> str | None:
+    """Bad on what it has not seen, and good on what it has."""
+    if facts.bad(training=False) is None or facts.bad(training=True) is not None or facts.poor("autoencoder"):
+        return None
+    snapshot = facts.numbers.stages.get("snapshot")
+    seconds = snapshot.seconds if snapshot is not None and snapshot.seconds else 0.0
+    more = (
+        f"train.condensed.poses to {2 * facts.train.condensed.poses} (now {facts.train.condensed.poses}), if there are "
+        "frames enough"
+        if facts.train.kind == "condensed"
+        else "pca.synthetic, which makes many more at little cost"
+    )
+    return (
+        "The training motions do not show what the others do: add a motion of role train like them, with another seed, "
+        f"to snapshot.motions (as many pulls again take {_duration(seconds)}); then set {more}; {facts.cost('pca')}."
+    )
+
+
+def _by_heart(facts: Facts) -> str | None:
+    last = facts.loss[-1] if len(facts.loss) else np.array([np.nan, np.nan])
+    if facts.train.kind != "autoencoder" or not last[1] > BY_HEART * last[0]:
+        return None
+    widths = [max(width // 2, 8) for width in facts.train.hidden]
+    return (
+        f"The network learns by heart: give it more snapshots, or set train.hidden to {widths} (now "
+        f"{list(facts.train.hidden)}); {facts.cost('train')}."
+    )
+
+
+def _forces(facts: Facts) -> str | None:
+    """Off on training motions whose poses it holds: what is wrong is the forces."""
+    if facts.bad(training=True) is None or facts.poor("autoencoder"):
+        return None
+    options = facts.cubature
+    if facts.train.kind == "condensed":
+        return (
+            "The forces are wrong, not the shapes: set train.condensed.poses to "
+            f"{2 * facts.train.condensed.poses} (now {facts.train.condensed.poses}) and train.condensed.points to "
+            f"{_more(facts.train.condensed.points, 1.5)}; {facts.cost('train')}."
+        )
+    return (
+        f"The forces are wrong, not the shapes: set cubature.tolerance to {options.tolerance / 2:.2g} (now "
+        f"{options.tolerance:g}) and cubature.max_points to {2 * options.max_points}; {facts.cost('cubature')}."
+    )
+
+
+def _missed_cubature(facts: Facts) -> str | None:
+    rule, options = facts.numbers.cubature.latent, facts.cubature
+    reached = rule.relative_error.fitted if rule is not None else None
+    if rule is None or rule.virtual is not None or reached is None or reached <= options.tolerance:
+        return None
+    return (
+        f"Too few cubature points were allowed: set cubature.max_points to {2 * options.max_points} (now "
+        f"{options.max_points}); {facts.cost('cubature')}."
+    )
+
+
+def _diverged(facts: Facts) -> str | None:
+    lost = [run.motion for run in facts.numbers.simulate.latent if run.diverged]
+    if not lost:
+        return None
+    return (
+        f"The latent run of {lost[0]} was lost: set cubature.tolerance to {facts.cubature.tolerance / 2:.2g}, a "
+        "material that stays finite (mesh.material.model: stable_neo_hookean), or a smaller mesh.time_step; "
+        f"{facts.cost('cubature')}."
+    )
+
+
+def _drift(facts: Facts) -> str | None:
+    worst = facts.bad(training=False) or facts.bad(training=True)
+    windowed = worst.online_error.windowed if worst is not None and worst.online_error is not None else None
+    if worst is None or windowed is None or windowed * DRIFT > relative(worst):
+        return None
+    return (
+        f"Most of the error on {worst.motion} is drift: started anew every so often it is {100 * windowed:.2g} %. "
+        "Where only shapes and forces count and not the phase of a long swing, nothing need be turned."
+    )
+
+
+ROWS: tuple[Callable[[Facts], str | None], ...] = (
+    _diverged,
+    _basis_too_small,
+    _network_too_small,
+    _unseen,
+    _forces,
+    _missed_cubature,
+    _by_heart,
+    _drift,
+)
+
+
+def relative(run: MotionRun) -> float:
+    """The online error of a run; none where it is not known, all where it was lost."""
+    if run.diverged:
+        return np.inf
+    found = run.online_error.relative if run.online_error is not None else None
+    return 0.0 if found is None else found
+
+
+def displacement(run: MotionRun) -> float | None:
+    """How far a motion moves the solid in the mean, mm."""
+    error = run.online_error
+    if error is None or not error.relative or error.mean_mm is None:
+        return None
+    return error.mean_mm / error.relative
+
+
+def _still_falling(loss: Array) -> bool:
+    """By the medians of the last tenth of the epochs and of the tenth before it."""
+    tenth = len(loss) // 10
+    if tenth < 3:
+        return False
+    late, before = np.nanmedian(loss[-tenth:, 1]), np.nanmedian(loss[-2 * tenth : -tenth, 1])
+    return bool(late < FALLING * before)
+
+
+def _more(count: int, factor: float) -> int:
+    return max(count + 1, round(factor * count))
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

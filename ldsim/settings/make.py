@@ -1,0 +1,190 @@
+"""What of a run is missing or stale, and the stages that make it: what `ldsim make` does, and the Makefile by it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Set
+from pathlib import Path
+
+import yaml
+
+from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
+from ldsim.options import Options
+from ldsim.pipeline.files import file_sums
+from ldsim.run import Run
+from ldsim.settings.experiment import STAGES, Settings, load_settings
+
+# What each stage writes; the report is no artefact.
+KINDS_OF = {
+    stage: tuple(kind for kind, writer in WRITTEN_BY.items() if writer == stage) or (stage,) for stage in STAGES
+}
+# Motions of the role test, and who reads them.
+TESTS, JUDGES = "tests", ("simulate", "report")
+REPORT = Path("report") / "report.json"
+# Status of a stage whose artefact is whole but misses a tolerance, which is told; no reason to stop.
+MISSED = 3
+# A note of a header: the files outside the run that it was made from.
+FILES = "files"
+
+
+class Staleness:
+    """Judges the artefacts of a run by what they say they were made from, each once.
+
+    Args:
+        base: the folder of the configuration.
+    """
+
+    def __init__(self, run: Run, settings: Settings, base: Path) -> None:
+        self._run, self._settings, self._base = run, settings, base
+        self._hashes: dict[str, str] = {}
+
+    def stale(self, until: str = STAGES[-1]) -> dict[str, str]:
+        """The stages up to one that have to run, each with the reason.
+
+        Raises:
+            ArtefactError: an artefact is damaged or of another version of ldsim.
+            SettingsError: a file that the configuration names is not there.
+        """
+        found: dict[str, str] = {}
+        kinds: set[str] = set()
+        for stage in up_to(until):
+            reasons = self.reasons(stage, kinds)
+            if reasons:
+                found[stage] = next(iter(reasons.values()))
+                kinds |= set(reasons)
+        return found
+
+    def reasons(self, stage: str, stale: Set[str] = frozenset()) -> dict[str, str]:
+        """Why a stage has to run, by kind of what it writes; empty where it has not.
+
+        Args:
+            stale: kinds of artefacts before it that will be made anew.
+        """
+        found = {}
+        for kind in KINDS_OF[stage]:
+            report = stage == STAGES[-1]
+            reason = self._of_report(stale) if report else self._of_artefact(kind, stage, stale)
+            if reason is not None:
+                found[kind] = reason
+        return found
+
+    def written(self, stage: str) -> None:
+        """Forget what was known of the artefacts of a stage that has run."""
+        for kind in KINDS_OF[stage]:
+            self._hashes.pop(kind, None)
+
+    def _of_artefact(self, kind: str, stage: str, stale: Set[str]) -> str | None:
+        path, section = self._run.path(kind), self._section(kind, stage)
+        if not path.is_file():
+            wanted = kind != TESTS or self._settings.snapshot.tests.motions
+            return f"{path.name} is missing" if wanted else None
+        with reading(path, kind) as file:
+            header = read_header(file)
+        if header.notes.get("experiment") != self._settings.experiment:
+            return f"{path.name} belongs to the experiment {header.notes.get('experiment')}"
+        now = file_sums(getattr(section, "input_files", ()), self._base)
+        if header.notes.get(FILES, now) != now:  # artefacts of earlier versions do not say
+            return f"{', '.join(_changed_files(str(header.notes[FILES]), now))} changed"
+        return self._of_settings(header.settings, section) or self._of_inputs(stage, header.inputs, stale)
+
+    def _section(self, kind: str, stage: str) -> Options:
+        """The settings that the header of an artefact has."""
+        snapshot = self._settings.snapshot
+        return {"snapshots": snapshot.learned, TESTS: snapshot.tests}.get(kind) or self._settings.section(stage)
+
+    def _of_report(self, stale: Set[str]) -> str | None:
+        try:
+            made = json.loads((self._run.folder / REPORT).read_text(encoding="utf-8"))["made_from"]
+            settings, inputs = made["settings"], {str(kind): str(digest) for kind, digest in made["inputs"].items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return f"{REPORT} is missing, or of an earlier version"
+        if not (self._run.folder / REPORT.with_suffix(".html")).is_file():
+            return f"{REPORT.with_suffix('.html')} is missing"
+        return self._of_settings(settings, self._settings.report) or self._of_inputs(STAGES[-1], inputs, stale)
+
+    def _of_settings(self, before: str, section: Options) -> str | None:
+        return None if before == section.dump() else f"{', '.join(changed_settings(before, section))} changed"
+
+    def _of_inputs(self, stage: str, inputs: Mapping[str, str], stale: Set[str]) -> str | None:
+        before = [kind for kind in inputs if kind in stale]
+        if before:
+            return f"{WRITTEN_BY[before[0]]} comes before it"
+        if stage in JUDGES and TESTS not in inputs and (TESTS in stale or self._run.path(TESTS).is_file()):
+            return f"it has not seen {TESTS}.h5"
+        other = [kind for kind, digest in inputs.items() if self._hash(kind) != digest]
+        return f"it was made from another {other[0]}.h5" if other else None
+
+    def _hash(self, kind: str) -> str:
+        if kind not in self._hashes:
+            path = self._run.path(kind)
+            self._hashes[kind] = file_hash(path) if path.is_file() else ""
+        return self._hashes[kind]
+
+
+def make(config: Path, runs: Path, until: str, say: Callable[[str], object]) -> dict[str, str]:
+    """Run what is missing or stale, up to a stage, each in a process of its own, so that its memory and times are its.
+
+    Args:
+        say: told of each stage that runs, and why.
+
+    Returns:
+        The stages that ran, with the reason.
+
+    Raises:
+        StageFailed: a stage ended with an error, which it has told; what is finished is kept.
+    """
+    settings = load_settings(config)
+    ran: dict[str, str] = {}
+    with Run(runs / settings.experiment, settings.experiment) as run:
+        known = Staleness(run, settings, config.parent)
+        for stage in up_to(until):
+            reasons = known.reasons(stage)  # all that comes before it is as it should be by now
+            if not reasons:
+                continue
+            reason = next(iter(reasons.values()))
+            say(f"{stage}: {reason}")
+            command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs)]
+            status = subprocess.run(command, check=False).returncode
+            if status not in (0, MISSED):
+                raise StageFailed(stage, status)
+            known.written(stage)
+            ran[stage] = reason
+    return ran
+
+
+class StageFailed(Exception):
+    """A stage ended with an error that it has told itself."""
+
+    def __init__(self, stage: str, status: int) -> None:
+        super().__init__(f"{stage} ended with status {status}")
+        self.status = status
+
+
+def up_to(stage: str) -> tuple[str, ...]:
+    """The stages that end with one."""
+    return STAGES[: STAGES.index(stage) + 1]
+
+
+def made_by(run: Run, stage: str) -> Path:
+    """What a stage leaves for its reader."""
+    return run.folder / REPORT.with_suffix(".html") if stage == STAGES[-1] else run.path(KINDS_OF[stage][0])
+
+
+def changed_settings(before: str, now: Options) -> list[str]:
+    """The dotted keys whose values differ between the YAML of an artefact and options."""
+    old, new = yaml.safe_load(before), yaml.safe_load(now.dump())
+    return _differing(old, new) or ["settings"]
+
+
+def _differing(old: object, new: object, path: str = "") -> list[str]:
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return [] if old == new else [path]
+    names = [*old, *(name for name in new if name not in old)]
+    return [key for name in names for key in _differing(old.get(name), new.get(name), f"{path}.{name}".lstrip("."))]
+
+
+def _changed_files(before: str, now: str) -> list[str]:
+    old, new = json.loads(before), json.loads(now)
+    return [name for name in {**old, **new} if old.get(name) != new.get(name)]

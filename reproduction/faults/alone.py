@@ -1,0 +1,130 @@
+"""What becomes of a trial: in a forked child, so that a crash is seen for what it is, or here, where none can be.
+
+The parent imports and compiles once and every child has that from it, so a command costs what it does and no start.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner, Result
+
+from ldsim.cli.app import main as ldsim
+from ldsim.errors import LdsimError
+
+LIMIT = 120.0
+FAULTS = ("silent", "traceback", "crash", "hang", "outside")
+Trial = Callable[[], str]
+# What writes, renames or removes: of these no path may lie outside the folders of the campaign.
+CHANGES = ("os.rename", "os.remove", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate")
+
+
+def invoke(*words: object) -> Result:
+    """A command in this process."""
+    return CliRunner().invoke(ldsim, [str(word) for word in words])
+
+
+def outcome(result: Result) -> str:
+    """What came of a command."""
+    if result.exit_code == 0:
+        return "accepted"
+    lines = [line for line in result.stderr.splitlines() if line.startswith(("error: ", "Error: "))]
+    if isinstance(result.exception, SystemExit) and len(lines) == 1:
+        return "refused"
+    return f"traceback: {result.exception!r}"
+
+
+def told(read: Callable[[], object]) -> str:
+    """What came of a call of the library."""
+    try:
+        read()
+    except LdsimError:
+        return "refused"
+    return "accepted"
+
+
+def fork(trial: Trial, within: tuple[Path, ...]) -> tuple[int, int]:
+    """Begin a trial in a child that leads a group of its own; returns its number and the pipe that it tells by."""
+    reading, writing = os.pipe()
+    gc.freeze()
+    child = os.fork()
+    if child:
+        os.close(writing)
+        return child, reading
+    os.setsid()
+    os.close(reading)
+    sys.addaudithook(_watch(within))
+    try:
+        os.write(writing, trial().encode()[:2000])
+    except BaseException as error:
+        os.write(writing, f"traceback: {error!r}".encode()[:2000])
+    os._exit(0)
+
+
+def alone(trial: Trial, limit: float = LIMIT, within: tuple[Path, ...] = ()) -> str:
+    """The outcome of a trial in a process of its own.
+
+    Args:
+        limit: seconds after which it counts as hanging; those in which this process was stopped do not count.
+        within: folders outside which it may change nothing; none watches nothing.
+    """
+    child, reading = fork(trial, within)
+    waited, ready = 0.0, False
+    while not ready and waited < limit:
+        started = time.monotonic()
+        ready = bool(select.select([reading], [], [], 0.5)[0])
+        waited += min(time.monotonic() - started, 1.0)
+    if not ready:
+        os.killpg(child, signal.SIGKILL)
+    said = os.read(reading, 4000).decode(errors="replace")
+    os.close(reading)
+    _, status = os.waitpid(child, 0)
+    if not ready:
+        return "hang"
+    return said or f"crash: signal {os.WTERMSIG(status)}"
+
+
+def here(trial: Trial, limit: float = LIMIT) -> str:
+    """The outcome of a trial of nothing compiled, which needs no process of its own."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, limit)
+    try:
+        return trial()
+    except TimeoutError:
+        return "hang"
+    except Exception as error:
+        return f"traceback: {error!r}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _watch(within: tuple[Path, ...]) -> Callable[[str, tuple[Any, ...]], None]:
+    """A hook that ends the process with words where it changes what lies outside some folders."""
+    roots = tuple(os.path.realpath(folder) for folder in within)
+
+    def hook(event: str, given: tuple[Any, ...]) -> None:
+        if not roots or (event != "open" and event not in CHANGES):
+            return
+        if event == "open" and not (isinstance(given[1], str) and set(given[1]) & set("wxa+")):
+            return
+        if event != "open" and isinstance(given[-1], int) and given[-1] > 0:  # relative to a folder that is open
+            return
+        for path in given[: 2 if event in ("os.rename", "os.link") else 1]:
+            if isinstance(path, str | os.PathLike) and not os.path.realpath(path).startswith(
+                (*roots, "/dev/", "/proc/")
+            ):
+                raise AssertionError(f"outside: {event} {path}")
+
+    return hook

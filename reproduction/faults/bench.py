@@ -1,0 +1,86 @@
+"""What every attack works on: two small finished runs, and a copy of one to spoil."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import h5py
+from click.testing import Result
+
+from ldsim.artefacts.opening import datasets
+from ldsim.settings import STAGES
+from reproduction.faults.alone import FAULTS, Trial, alone, invoke, outcome
+
+ROOM = Path(__file__).parent
+EXPERIMENTS = ("small", "condensed")
+KINDS = ("scene", "snapshots", "basis", "model", "cubature", "simulation")
+WRITES = dict(zip(STAGES, KINDS, strict=False))
+
+
+class Bench:
+    """The folder of a campaign.
+
+    Attributes:
+        whole: the finished runs, which nothing changes.
+        made: where the copy of one is spoilt.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.whole, self.made = folder, folder / "whole", folder / "made"
+        scratch = folder / "scratch"
+        scratch.mkdir(parents=True, exist_ok=True)
+        tempfile.tempdir, os.environ["TMPDIR"], sys.dont_write_bytecode = str(scratch), str(scratch), True
+        for name in EXPERIMENTS:
+            shutil.copy(ROOM / f"{name}.yaml", self.config(name))
+            for stage in STAGES if not (self.whole / name / "report").exists() else ():
+                said = self.alone(partial(self.stage, stage, name, self.whole))
+                assert said == "accepted", f"{stage} of {name}: {said}"
+
+    def config(self, name: str) -> Path:
+        return self.folder / f"{name}.yaml"
+
+    def command(self, stage: str, name: str, runs: Path) -> Result:
+        return invoke(stage, self.config(name), "--runs", runs)
+
+    def stage(self, stage: str, name: str, runs: Path) -> str:
+        """What came of a stage."""
+        return outcome(self.command(stage, name, runs))
+
+    def copy(self, name: str) -> Path:
+        """A run again, its files linked but for those that a trial replaces."""
+        shutil.rmtree(self.made, ignore_errors=True)
+        shutil.copytree(self.whole / name, self.made / name, copy_function=os.link)
+        return self.made / name
+
+    def alone(self, trial: Trial) -> str:
+        """A trial in a process of its own that may change nothing outside the campaign's folder and the caches."""
+        return alone(trial, within=(self.folder, Path.home() / ".cache", Path.home() / ".config"))
+
+    def keep(self, said: str, name: str, content: bytes) -> None:
+        """Keep what found something."""
+        if said.split(":")[0] in FAULTS:
+            (self.folder / "found").mkdir(exist_ok=True)
+            (self.folder / "found" / name).write_bytes(content)
+
+
+def own_copy(path: Path) -> bytes:
+    """Replace a linked file by a copy of its own; returns its content."""
+    content = path.read_bytes()
+    path.unlink()
+    path.write_bytes(content)
+    return content
+
+
+def same(a: Path, b: Path) -> bool:
+    """Whether two artefacts hold the same, times apart."""
+    if not a.is_file():
+        return False
+    with h5py.File(a) as one, h5py.File(b) as other:
+        names = [name for name in datasets(one) if not name.endswith("seconds")]
+        found = [name for name in datasets(other) if not name.endswith("seconds")]
+        return names == found and all(one[name][()].tobytes() == other[name][()].tobytes() for name in names)

@@ -1,0 +1,70 @@
+"""`ldsim list`, `ldsim info RUN`, `ldsim open RUN`: runs in a few lines."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import webbrowser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from ldsim.cli.app import main
+from tests.cli.experiments import WRITES, Experiment, refused
+
+
+def said(*arguments: str) -> list[str]:
+    result = CliRunner().invoke(main, list(arguments))
+    assert result.exit_code == 0, result.output
+    return result.stdout.splitlines()
+
+
+def test_runs_are_listed_with_how_far_they_have_come(experiment: Experiment) -> None:
+    runs = experiment.folder / "runs"
+    shutil.copytree(experiment.run, runs / "half")
+    for name in ("model.h5", "cubature.h5", "simulation.h5"):
+        (runs / "half" / name).unlink()
+    shutil.rmtree(runs / "half" / "report")
+    (runs / "no run").mkdir()
+    head, *rows = said("list", "--runs", str(runs))
+    assert head.split() == ["run", "state", "cells", "r", "error", "step", "changed"]
+    found = {row.split()[0]: row for row in rows}
+    assert set(found) == {"tiny", "half"}
+    assert "finished" in found["tiny"] and " % " in found["tiny"] and " µs " in found["tiny"]
+    assert "done up to pca" in found["half"]
+
+
+def test_info_tells_the_statement_first_and_the_warnings(experiment: Experiment) -> None:
+    lines = said("info", str(experiment.run))
+    report = json.loads((experiment.run / "report" / "report.json").read_text("utf-8"))
+    assert lines[0] == report["statement"]["sentence"]
+    assert [line for line in lines if "warning" in line] == [f"  warning: {text}" for text in report["warnings"]]
+    assert lines[-1].strip() == str((experiment.run / "report" / "report.html").resolve())
+    assert sum(f"  {name} (" in line for line in lines for name in "ab") == 2
+
+
+@pytest.mark.parametrize("missing", [*WRITES.values(), "report"])
+def test_info_of_an_unfinished_run_says_where_it_stands(experiment: Experiment, missing: str) -> None:
+    path = experiment.run / missing
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    result = CliRunner().invoke(main, ["info", str(experiment.run)])
+    if missing == "scene.h5":
+        assert "is not the folder of a run" in refused(result)
+    else:
+        assert result.exit_code == 0 and "done up to" in result.stdout
+
+
+def test_open_shows_the_report_in_the_browser(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: not opened.append(address))
+    page = (experiment.run / "report" / "report.html").resolve()
+    assert said("open", str(experiment.run)) == [str(page)]
+    assert opened == [page.as_uri()]
+    assert said("open", str(experiment.run), "--no-browser") == [str(page)] and len(opened) == 1
+
+
+def test_what_is_not_there_is_refused(experiment: Experiment, tmp_path: Path) -> None:
+    assert "holds no run" in refused(CliRunner().invoke(main, ["list", "--runs", str(tmp_path / "none")]))
+    shutil.rmtree(experiment.run / "report")
+    assert "has no report yet (done up to simulate)" in refused(CliRunner().invoke(main, ["open", str(experiment.run)]))

@@ -1,0 +1,53 @@
+"""The statement from its option to the report: fresh motions, run once, judged in both reduced spaces."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from ldsim.artefacts.snapshots import Snapshots
+from ldsim.pipeline.statement import bound
+from ldsim.run import Run
+from tests.cli.experiments import Experiment
+
+
+def test_the_statement_is_of_the_online_errors_of_fresh_motions(experiment: Experiment) -> None:
+    with Run(experiment.run) as run:
+        errors = run.fresh_errors
+        assert set(errors) == {"latent", "linear"} and all(len(each) == 5 for each in errors.values())
+        assert all((each > 0).all() for each in errors.values())
+        with Snapshots(run.path("fresh"), kind="tests") as fresh:
+            points = [tuple(fresh.recorded(name).motion.drags[0].point) for name in fresh.names]
+            learned = [tuple(drag.point) for name in run.played.names for drag in run.recorded(name).motion.drags]
+        assert len(points) == 5 and len(learned) == 3
+    report = json.loads((experiment.run / "report" / "report.json").read_text("utf-8"))["statement"]
+    said = bound(errors["latent"], 0.95, 0.95)
+    assert report["motions"] == 5 and report["quantile"] == said.quantile < 0.95
+    assert report["latent"]["error"] == (said.error if np.isfinite(said.error) else None)
+    assert report["sentence"] in (experiment.run / "report" / "report.html").read_text("utf-8")
+
+
+def test_fresh_motions_are_run_again_only_where_they_or_the_solid_changed(experiment: Experiment) -> None:
+    fresh = experiment.run / "fresh.h5"
+    before = fresh.read_bytes()
+
+    def simulated(key: str, value: object) -> bytes:
+        experiment.change(f"simulate.statement.{key}", value)
+        result = experiment.invoke("simulate")
+        assert result.exit_code == 0, result.output
+        assert "fresh ones" in result.stderr
+        return fresh.read_bytes()
+
+    assert simulated("quantile", 0.5) == before
+    changed = simulated("pulls.seed", 10)
+    assert changed != before and not (experiment.run / "fresh.partial" / "fresh_0.frames").exists()
+
+
+def test_without_a_statement_nothing_fresh_is_run(experiment: Experiment) -> None:
+    (experiment.run / "fresh.h5").unlink()
+    experiment.change("simulate.statement", ...)
+    for stage in ("simulate", "report"):
+        assert experiment.invoke(stage).exit_code == 0
+    assert not (experiment.run / "fresh.h5").exists()
+    assert json.loads((experiment.run / "report" / "report.json").read_text("utf-8"))["statement"] is None

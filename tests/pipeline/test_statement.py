@@ -1,0 +1,113 @@
+"""The statement of a run: as true as it claims, whatever the errors are like, and of motions that nothing has seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ldsim.arrays import Array
+from ldsim.mechanics.options import PullOptions
+from ldsim.mesh.shapes import beam
+from ldsim.pipeline.options import StatementOptions
+from ldsim.pipeline.statement import Bound, about, bound, fresh_motions, sentence
+from tests.helpers import scene as scene_of
+
+TRIALS = 2000
+
+
+def of_many(draw: Callable[[np.random.Generator, int], Array], n: int, quantile: float, confidence: float) -> Array:
+    """The bounds of many runs of the same kind."""
+    rng = np.random.default_rng(n)
+    return np.array([bound(draw(rng, n), quantile, confidence).error for _ in range(TRIALS)])
+
+
+# A distribution of errors with its quantile: mild, of heavy tail, of two kinds, and one in which some runs are lost.
+DISTRIBUTIONS: dict[str, tuple[Callable[[np.random.Generator, int], Array], Callable[[float], float]]] = {
+    "uniform": (lambda rng, n: rng.uniform(size=n), lambda q: q),
+    "heavy tail": (lambda rng, n: rng.pareto(0.8, size=n), lambda q: (1 - q) ** (-1 / 0.8) - 1),
+    "two kinds": (
+        lambda rng, n: np.where(rng.uniform(size=n) < 0.7, 0.0, 10.0) + rng.uniform(size=n),
+        lambda q: q / 0.7 if q < 0.7 else 10 + (q - 0.7) / 0.3,
+    ),
+    "some lost": (
+        lambda rng, n: np.where(rng.uniform(size=n) < 0.97, rng.uniform(size=n), np.inf),
+        lambda q: q / 0.97 if q < 0.97 else math.inf,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+@pytest.mark.parametrize(("n", "quantile", "confidence"), [(59, 0.95, 0.95), (120, 0.95, 0.9), (30, 0.8, 0.95)])
+def test_the_bound_covers_the_quantile_as_often_as_it_claims(
+    name: str, n: int, quantile: float, confidence: float
+) -> None:
+    draw, true_quantile = DISTRIBUTIONS[name]
+    held = float((of_many(draw, n, quantile, confidence) >= true_quantile(quantile)).mean())
+    sure = binom.cdf(np.arange(n), n, quantile)
+    claimed = float(sure[sure >= confidence][0])
+    spread = 4 * math.sqrt(claimed * (1 - claimed) / TRIALS)
+    assert claimed - spread <= held <= claimed + spread
+    assert claimed >= confidence
+
+
+def test_fifty_nine_motions_are_the_fewest_for_95_per_cent_at_95() -> None:
+    errors = np.arange(1.0, 60.0)
+    assert bound(errors, 0.95, 0.95) == Bound(0.95, 0.95, 59.0, 59)
+    fewer = bound(errors[:58], 0.95, 0.95)
+    assert fewer.error == 58.0 and fewer.quantile < 0.95 and fewer.confidence == 0.95
+
+
+def test_more_motions_allow_for_some_that_are_worse() -> None:
+    errors = np.arange(1.0, 201.0)
+    found = bound(np.random.default_rng(0).permutation(errors), 0.95, 0.95)
+    assert 190 < found.error < 200
+    assert bound(errors, 0.5, 0.95).error < found.error
+
+
+@pytest.mark.parametrize("n", [1, 5, 20])
+def test_of_few_motions_the_largest_covers_less_and_says_so(n: int) -> None:
+    rng, found = np.random.default_rng(1), bound(np.ones(n), 0.95, 0.95)
+    assert found.quantile == pytest.approx(0.05 ** (1 / n))
+    largest = rng.uniform(size=(TRIALS, n)).max(axis=1)
+    assert (largest >= found.quantile).mean() == pytest.approx(0.95, abs=0.02)
+
+
+def test_lost_motions_count_as_the_worst() -> None:
+    errors = np.array([0.1, np.nan, 0.2, np.inf, 0.15, 0.3])
+    assert bound(errors, 0.5, 0.5).error == 0.3
+    lost = bound(errors, 0.9, 0.9)
+    assert lost.error == math.inf
+    assert sentence(lost, "pulls").startswith("Nothing can be said of ")
+
+
+def test_the_sentence_says_what_holds_of_what_and_how_surely() -> None:
+    pulls = PullOptions(count=1, reach=0.05, stiffness=110)
+    options = StatementOptions(motions=59, pulls=pulls)
+    said = sentence(Bound(0.95, 0.95, 0.0463, 59), about(options))
+    assert said.startswith("95 % of motions like these stay within 4.63 % of the full space")
+    for words in ("95 % confidence", "59 fresh ones", "one pull", "20 to 50 mm", "110 N/m"):
+        assert words in said
+
+
+def test_fresh_motions_are_drawn_alike_and_independently() -> None:
+    scene = scene_of(beam(0.3, 0.05, 0.05, 3, cell_type="hex8"))
+    options = StatementOptions(motions=400, pulls=PullOptions(count=1, seed=7, reach=0.1, frames=10, rest=0))
+    motions = fresh_motions(scene, options)
+    drags = [motion.drags[0] for motion in motions]
+    directions = np.array([drag.targets[-1] - drag.point for drag in drags])
+    lengths = np.linalg.norm(directions, axis=1)
+    assert 0.04 <= lengths.min() and lengths.max() <= 0.1 and lengths.mean() == pytest.approx(0.07, rel=0.05)
+    # no direction is preferred: of n unit vectors the mean is of the size n^-1/2
+    assert np.linalg.norm((directions / lengths[:, None]).mean(axis=0)) < 3 / math.sqrt(len(drags))
+    # and none tells of the next
+    following = np.einsum("ni,ni->n", directions[1:] / lengths[1:, None], directions[:-1] / lengths[:-1, None])
+    assert abs(following.mean()) < 3 / math.sqrt(3 * len(following))
+    assert len({tuple(drag.point) for drag in drags}) > 100
+    again = fresh_motions(scene, options)
+    assert all(np.array_equal(a.drags[0].targets, b.drags[0].targets) for a, b in zip(motions, again, strict=True))
+    other = fresh_motions(scene, options.replace(pulls=options.pulls.replace(seed=8)))
+    assert not np.array_equal(other[0].drags[0].targets, motions[0].drags[0].targets)
