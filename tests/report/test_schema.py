@@ -12,7 +12,7 @@ import pytest
 from ldsim.report.schema import check_report
 from tests.report.example_report import example_report
 
-FREE_NAMES = (("machine", "versions"), ("stages",))
+FREE_NAMES = (("machine", "versions"), ("stages",), ("made_from", "inputs"))
 
 
 def key_paths(value: Any, path: tuple = ()) -> Iterator[tuple]:
