@@ -52,7 +52,7 @@ def test_results_say_where_they_come_from(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(sys, "argv", ["soak.py", f"{tmp_path}/x", "--quick"])
     write_results("some", called("soak"), [row("x", "a number", 1.5, "s", "<= 2"), row("x", "lost", float("nan"))])
     content = json.loads((tmp_path / "some.json").read_text("utf-8"))
-    assert {"machine", "versions", "command", "commit", "created", "rows"} == set(content)
+    assert {"machine", "versions", "command", "commit", "created", "inputs", "rows"} == set(content)
     assert content["command"] == "python -m reproduction.bench.soak runs/x --quick"
     assert content["rows"][0] == {"model": "x", "quantity": "a number", "value": 1.5, "unit": "s", "goal": "<= 2"}
     assert content["rows"][1]["value"] is None

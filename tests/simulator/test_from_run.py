@@ -100,5 +100,5 @@ def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_the
 def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(run: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtefactError, match="is not the folder of a run"):
         load(tmp_path / "nothing")
-    with pytest.raises(ArtefactError, match="known are full, linear, latent"):
+    with pytest.raises(ArtefactError, match="known are auto, full, latent, linear"):
         load(run, "latnet")
