@@ -15,6 +15,7 @@ from ldsim.mechanics.recording import read_recording, write_recording
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.faults.alone import alone
+from reproduction.faults.bench import EXPERIMENTS, ROOM
 from reproduction.faults.mutations import OF_ARTEFACTS, text_spoilt
 from tests.cli.experiments import TINY
 from tests.simulator.playable import write_playable
@@ -77,3 +78,8 @@ def test_spoilt_configurations_and_recordings_are_refused_or_read(tmp_path: Path
                 refused += 1
                 assert len(str(error)) < 10_000
     assert TEXTS / 2 < refused < 2 * TEXTS
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_configurations_of_the_campaign_are_whole(name: str) -> None:
+    assert load_settings(ROOM / f"{name}.yaml").experiment == name
