@@ -21,7 +21,8 @@ from reproduction.faults.mutations import OF_ARTEFACTS, sealed
 Found = Iterator[tuple[str, str, str]]
 READERS = {
     "scene": ("pca", "train", "simulate", "report", "export"),
-    "snapshots": ("pca", "train", "cubature", "simulate", "report"),
+    "snapshots": ("snapshot", "pca", "train", "cubature", "simulate", "report"),
+    "tests": ("snapshot", "simulate", "report"),
     "basis": ("train", "cubature", "simulate", "report", "export"),
     "model": ("cubature", "simulate", "report", "export"),
     "cubature": ("simulate", "report", "export"),

@@ -13,13 +13,14 @@ import h5py
 from click.testing import Result
 
 from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.store import STAGE_OF
 from ldsim.settings import STAGES
 from reproduction.faults.alone import FAULTS, Trial, alone, invoke, outcome
 
 ROOM = Path(__file__).parent
 EXPERIMENTS = ("small", "condensed")
-KINDS = ("scene", "snapshots", "basis", "model", "cubature", "simulation")
-WRITES = dict(zip(STAGES, KINDS, strict=False))
+KINDS = ("scene", "snapshots", "tests", "basis", "model", "cubature", "simulation")
+WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
 
 
 class Bench:
