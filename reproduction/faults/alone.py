@@ -74,15 +74,16 @@ def alone(trial: Trial, limit: float = LIMIT, within: tuple[Path, ...] = ()) -> 
     """The outcome of a trial in a process of its own.
 
     Args:
-        limit: seconds after which it counts as hanging; those in which this process was stopped do not count.
+        limit: seconds after which it counts as hanging; those in which it waited for a processor that others had, or
+            in which this process was stopped, do not count.
         within: folders outside which it may change nothing; none watches nothing.
     """
     child, reading = fork(trial, within)
     waited, ready = 0.0, False
     while not ready and waited < limit:
-        started = time.monotonic()
+        started = time.monotonic() - starved(child)
         ready = bool(select.select([reading], [], [], 0.5)[0])
-        waited += min(time.monotonic() - started, 1.0)
+        waited += min(max(time.monotonic() - starved(child) - started, 0.0), 1.0)
     if not ready:
         os.killpg(child, signal.SIGKILL)
     said = os.read(reading, 4000).decode(errors="replace")
@@ -91,6 +92,12 @@ def alone(trial: Trial, limit: float = LIMIT, within: tuple[Path, ...] = ()) -> 
     if not ready:
         return "hang"
     return said or f"crash: signal {os.WTERMSIG(status)}"
+
+
+def starved(process: int | str) -> float:
+    """Seconds for which a process could run and had no processor, of its first thread."""
+    with open(f"/proc/{process}/schedstat", encoding="ascii") as stream:
+        return int(stream.read().split()[1]) * 1e-9
 
 
 def here(trial: Trial, limit: float = LIMIT) -> str:
