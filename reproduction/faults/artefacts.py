@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import multiprocessing
 import shutil
 from collections.abc import Iterator
 from functools import partial
@@ -61,7 +62,9 @@ def _read(bench: Bench, command: str, path: Path, form: str) -> str:
         return outcome(invoke("info", path))
     if command == "export":
         return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
-    return bench.stage(command, run.name, bench.made)
+    forked = multiprocessing.get_context("fork")  # workers need no start of their own
+    with patch.object(multiprocessing, "get_context", lambda _: forked):
+        return bench.stage(command, run.name, bench.made)
 
 
 def relinked(run: Path, spoilt: str) -> None:
