@@ -28,11 +28,11 @@ class Bench:
 
     Attributes:
         whole: the finished runs, which nothing changes.
-        made: where the copy of one is spoilt.
+        made: where the copy of one is spoilt, of this process alone.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.whole, self.made = folder, folder / "whole", folder / "made"
+        self.folder, self.whole, self.made = folder, folder / "whole", folder / "made" / str(os.getpid())
         scratch = folder / "scratch"
         scratch.mkdir(parents=True, exist_ok=True)
         tempfile.tempdir, os.environ["TMPDIR"], sys.dont_write_bytecode = str(scratch), str(scratch), True
