@@ -16,7 +16,7 @@ import numpy as np
 
 from ldsim.pipeline import pca, train
 from reproduction.faults.alone import invoke, outcome
-from reproduction.faults.bench import EXPERIMENTS, KINDS, Bench, own_copy, same
+from reproduction.faults.bench import EXPERIMENTS, KINDS, PICTURES, Bench, own_copy, same
 from reproduction.faults.mutations import OF_ARTEFACTS, sealed
 
 Found = Iterator[tuple[str, str, str]]
@@ -47,22 +47,17 @@ def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
     yield "spoilt artefacts", "files", ""
     if rng.random() < 0.5:
         relinked(run, kind)
-    readers = rng.permutation(READERS[kind])[:2]
-    for command in ("info", *readers):
-        form = str(rng.choice(FORMATS))
-        said = bench.alone(partial(_read, bench, str(command), path, form))
-        if must_be_refused and said == "accepted" and not (command == "snapshot" and whole_again(bench, path)):
-            said = "silent"
+    commands = ["info", *map(str, rng.permutation(READERS[kind])[:2])]
+    form, pictures = str(rng.choice(FORMATS)), PICTURES if rng.integers(10) == 0 else ""
+    told = bench.alone(*(partial(_read, bench, command, path, form, pictures) for command in commands))
+    for command, said in zip(commands, told, strict=False):
+        said = "silent" if must_be_refused and said == "accepted" else said
+        must_be_refused &= said != "made anew"
         bench.keep(said, f"{how}-{command}-{hashlib.sha256(after).hexdigest()[:12]}-{kind}.h5", after)
         yield "commands on spoilt artefacts", said, f"{how} of {kind} of {name}, {command}"
 
 
-def whole_again(bench: Bench, path: Path) -> bool:
-    """Whether the stage that writes an artefact made of a spoilt one what it was before."""
-    return same(path, bench.whole / path.parent.name / path.name)
-
-
-def _read(bench: Bench, command: str, path: Path, form: str) -> str:
+def _read(bench: Bench, command: str, path: Path, form: str, pictures: str) -> str:
     run = path.parent
     if command == "info":
         return outcome(invoke("info", path))
@@ -70,7 +65,9 @@ def _read(bench: Bench, command: str, path: Path, form: str) -> str:
         return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
     forked = multiprocessing.get_context("fork")  # workers need no start of their own
     with patch.object(multiprocessing, "get_context", lambda _: forked):
-        return bench.stage(command, run.name, bench.made)
+        said = bench.stage(command, run.name + (pictures if command == "report" else ""), bench.made)
+    anew = command == "snapshot" and said == "accepted" and same(path, bench.whole / run.name / path.name)
+    return "made anew" if anew else said
 
 
 def relinked(run: Path, spoilt: str) -> None:
@@ -104,7 +101,7 @@ def checkpoints(bench: Bench, rng: np.random.Generator) -> Found:
     spoil(path, rng)
     if path.read_bytes() == before:
         return
-    said = bench.alone(partial(bench.stage, stage, name, bench.made))
+    (said,) = bench.alone(partial(bench.stage, stage, name, bench.made))
     whole = same(run / f"{kind}.h5", bench.whole / name / f"{kind}.h5")
     said = "silent" if must_be_refused and said == "accepted" and not whole else said
     bench.keep(said, f"{how}-{path.name}", path.read_bytes() if path.exists() else b"")
@@ -124,5 +121,5 @@ def _interrupted(bench: Bench, name: str, stage: str, kept: Path) -> None:
     run = bench.copy(name)
     (run / ("model.h5" if stage == "train" else "basis.h5")).unlink()
     kept.parent.mkdir(exist_ok=True)
-    said = bench.alone(trial)
+    (said,) = bench.alone(trial)
     assert said == "accepted" and any(kept.rglob("*.h5")), said

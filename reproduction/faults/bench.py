@@ -20,6 +20,8 @@ from reproduction.faults.alone import FAULTS, Trial, alone, invoke, outcome
 ROOM = Path(__file__).parent
 EXPERIMENTS = ("small", "condensed")
 KINDS = ("scene", "snapshots", "tests", "basis", "model", "cubature", "simulation")
+# The same configuration with a report of pictures, which take ten times as long as all else that it shows.
+PICTURES = "_pictures"
 WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
 
 
@@ -37,9 +39,11 @@ class Bench:
         scratch.mkdir(parents=True, exist_ok=True)
         tempfile.tempdir, os.environ["TMPDIR"], sys.dont_write_bytecode = str(scratch), str(scratch), True
         for name in EXPERIMENTS:
-            shutil.copy(ROOM / f"{name}.yaml", self.config(name))
+            text = (ROOM / f"{name}.yaml").read_text(encoding="utf-8")
+            self.config(name).write_text(text, encoding="utf-8")
+            self.config(f"{name}{PICTURES}").write_text(text.replace("pictures: 0", "pictures: 1"), encoding="utf-8")
             for stage in STAGES if not (self.whole / name / "report").exists() else ():
-                said = self.alone(partial(self.stage, stage, name, self.whole))
+                (said,) = self.alone(partial(self.stage, stage, name, self.whole))
                 assert said == "accepted", f"{stage} of {name}: {said}"
 
     def config(self, name: str) -> Path:
@@ -55,12 +59,13 @@ class Bench:
     def copy(self, name: str) -> Path:
         """A run again, its files linked but for those that a trial replaces."""
         shutil.rmtree(self.made, ignore_errors=True)
-        shutil.copytree(self.whole / name, self.made / name, copy_function=os.link)
+        apart = shutil.ignore_patterns("report", "*.partial")
+        shutil.copytree(self.whole / name, self.made / name, copy_function=os.link, ignore=apart)
         return self.made / name
 
-    def alone(self, trial: Trial) -> str:
-        """A trial in a process of its own that may change nothing outside the campaign's folder and the caches."""
-        return alone(trial, within=(self.folder, Path.home() / ".cache", Path.home() / ".config"))
+    def alone(self, *trials: Trial) -> list[str]:
+        """Trials in a process of their own that may change nothing outside the campaign's folder and the caches."""
+        return alone(trials, within=(self.folder, Path.home() / ".cache", Path.home() / ".config"))
 
     def keep(self, said: str, name: str, content: bytes) -> None:
         """Keep what found something."""

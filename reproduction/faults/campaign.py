@@ -30,8 +30,8 @@ from ldsim.settings import STAGES
 from ldsim.simulator import load
 from reproduction.bench.soak import soak
 from reproduction.faults import page
-from reproduction.faults.alone import FAULTS
-from reproduction.faults.artefacts import Found, artefacts, checkpoints
+from reproduction.faults.alone import FAULTS, invoke
+from reproduction.faults.artefacts import FORMATS, Found, artefacts, checkpoints
 from reproduction.faults.bench import EXPERIMENTS, Bench
 from reproduction.faults.kills import kills
 from reproduction.faults.texts import configurations, files
@@ -39,7 +39,7 @@ from reproduction.harness import Row, called, parser, row, show, write_results
 
 FOLDER, NAME = "faults", "campaign"
 # Steps of a trial of violent loads, and the most seconds of one in the full space.
-STEPS, SECONDS = 1000, 0.02
+STEPS, SECONDS = 1000, 0.005
 
 
 def steps(run: str, space: str, bench: Bench, rng: np.random.Generator) -> Found:
@@ -50,7 +50,7 @@ def steps(run: str, space: str, bench: Bench, rng: np.random.Generator) -> Found
         soak(simulator, rng, STEPS)
         return json.dumps({outcome.name.lower(): count for outcome, count in simulator.counts.items()})
 
-    said = bench.alone(trial)
+    (said,) = bench.alone(trial)
     counts = json.loads(said) if said.startswith("{") else {said: 1}
     for kind, count in counts.items():
         for _ in range(count):
@@ -66,7 +66,7 @@ class Attack(NamedTuple):
 
 
 ATTACKS = {
-    "artefacts": Attack(artefacts, 5500),
+    "artefacts": Attack(artefacts, 5200),
     "checkpoints": Attack(checkpoints, 300),
     "configurations": Attack(configurations, 2500),
     "files": Attack(files, 1500),
@@ -140,6 +140,9 @@ def warm(bench: Bench) -> None:
         bench.copy(name)
         for stage in STAGES:
             bench.command(stage, name, bench.made)
+        for form in FORMATS:
+            invoke("export", bench.made / name, "--format", form, "--output", bench.made / "exported")
+        invoke("info", bench.made / name / "scene.h5")
 
 
 def main() -> None:

@@ -53,7 +53,7 @@ class Page:
             asyncio.run(server.run(lambda url: os.write(writing, url.encode() + b"\n")))
             return "ended"
 
-        self.process, _ = fork(serve, ())
+        self.process, _ = fork([serve], ())
         os.close(writing)
         with os.fdopen(reading) as told:
             self.url = told.readline().strip()
