@@ -29,11 +29,13 @@ READERS = {
     "cubature": ("simulate", "report", "export"),
     "simulation": ("report",),
 }
+LOOKS = ("info", "info of the run", "list", "make")
+TELLS = LOOKS[1:]  # which say what is wrong with it and end well
 FORMATS = ("npz", "safetensors", "c", "gltf")
 
 
 def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
-    """A spoilt artefact, and `info` and two more commands that read it."""
+    """A spoilt artefact, a command that looks at it, and two more that read it."""
     name, kind = str(rng.choice(EXPERIMENTS)), str(rng.choice(KINDS))
     how = str(rng.choice(list(OF_ARTEFACTS)))
     run = bench.copy(name)
@@ -47,11 +49,11 @@ def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
     yield "spoilt artefacts", "files", ""
     if rng.random() < 0.5:
         relinked(run, kind)
-    commands = ["info", *map(str, rng.permutation(READERS[kind])[:2])]
+    commands = [str(rng.choice(LOOKS)), *map(str, rng.permutation(READERS[kind])[:2])]
     form, pictures = str(rng.choice(FORMATS)), PICTURES if rng.integers(10) == 0 else ""
     told = bench.alone(*(partial(_read, bench, command, path, form, pictures) for command in commands))
     for command, said in zip(commands, told, strict=False):
-        said = "silent" if must_be_refused and said == "accepted" else said
+        said = "silent" if must_be_refused and said == "accepted" and command not in TELLS else said
         must_be_refused &= said != "made anew"
         bench.keep(said, f"{how}-{command}-{hashlib.sha256(after).hexdigest()[:12]}-{kind}.h5", after)
         yield "commands on spoilt artefacts", said, f"{how} of {kind} of {name}, {command}"
@@ -59,8 +61,14 @@ def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
 
 def _read(bench: Bench, command: str, path: Path, form: str, pictures: str) -> str:
     run = path.parent
-    if command == "info":
-        return outcome(invoke("info", path))
+    if command in LOOKS:
+        words: dict[str, tuple[object, ...]] = {
+            "info": ("info", path),
+            "info of the run": ("info", run),
+            "list": ("list", "--runs", bench.made),
+            "make": ("make", bench.config(run.name), "--runs", bench.made, "--dry-run"),
+        }
+        return outcome(invoke(*words[command]))
     if command == "export":
         return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
     forked = multiprocessing.get_context("fork")  # workers need no start of their own

@@ -142,7 +142,7 @@ def warm(bench: Bench) -> None:
             bench.command(stage, name, bench.made)
         for form in FORMATS:
             invoke("export", bench.made / name, "--format", form, "--output", bench.made / "exported")
-        invoke("info", bench.made / name / "scene.h5")
+        invoke("info", bench.made / name)
 
 
 def main() -> None:
