@@ -67,10 +67,10 @@ class Attack(NamedTuple):
 
 ATTACKS = {
     "artefacts": Attack(artefacts, 5200),
-    "checkpoints": Attack(checkpoints, 300),
+    "checkpoints": Attack(checkpoints, 100),
     "configurations": Attack(configurations, 2500),
     "files": Attack(files, 1500),
-    "kills": Attack(kills, 200),
+    "kills": Attack(kills, 160),
     "latent": Attack(partial(steps, "small", "latent"), 100),
     "linear": Attack(partial(steps, "small", "linear"), 100),
     "condensed": Attack(partial(steps, "condensed", "latent"), 100),
