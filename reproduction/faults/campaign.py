@@ -82,11 +82,11 @@ COLD = {"configurations", "files"}  # of nothing compiled
 
 
 class Progress:
-    """What an attack has come to so far, in a file of its own."""
+    """What an attack of a seed has come to so far, in a file of its own."""
 
-    def __init__(self, folder: Path, attack: str) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / f"{attack}.json"
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
         kept = json.loads(self.path.read_text(encoding="utf-8")) if self.path.exists() else {}
         self.done, self.seconds = int(kept.get("done", 0)), float(kept.get("seconds", 0.0))
         self.counts = {name: Counter(found) for name, found in kept.get("counts", {}).items()}
@@ -110,7 +110,7 @@ class Progress:
 
 def run_attack(bench: Bench, attack: str, given: Attack, seed: int) -> None:
     """All trials of an attack that were not done yet."""
-    progress = Progress(bench.folder / "progress", attack)
+    progress = Progress(bench.folder / "progress" / f"{attack}-{seed}.json")
     with tqdm(total=given.trials or None, initial=progress.done, desc=attack, mininterval=30) as bar:
         while progress.done < given.trials or progress.seconds < given.seconds:
             rng = np.random.default_rng((seed, zlib.crc32(attack.encode()), progress.done))
@@ -120,17 +120,18 @@ def run_attack(bench: Bench, attack: str, given: Attack, seed: int) -> None:
 
 
 def rows(folder: Path) -> list[Row]:
-    """What all attacks came to."""
+    """What all attacks came to, of all seeds together."""
     found = []
     for attack in ATTACKS:
-        progress = Progress(folder, attack)
-        for name, counts in progress.counts.items():
+        done = [Progress(path) for path in sorted(folder.glob(f"{attack}-*.json"))]
+        for name in dict.fromkeys(name for each in done for name in each.counts):
+            counts = sum((each.counts.get(name, Counter()) for each in done), Counter[str]())
             found.append(row("small and condensed", f"{name}, tried", counts.total()))
             others = sorted(set(counts) - set(FAULTS))
             found += [row("small and condensed", f"{name}, {kind}", counts[kind]) for kind in others]
             found += [row("small and condensed", f"{name}, {kind}", counts[kind], goal="0") for kind in FAULTS]
-        if progress.counts:
-            found.append(row("small and condensed", f"{attack}, time", round(progress.seconds), "s"))
+        if done:
+            found.append(row("small and condensed", f"{attack}, time", round(sum(each.seconds for each in done)), "s"))
     return found
 
 
