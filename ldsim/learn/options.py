@@ -33,6 +33,10 @@ class CondensedOptions(Options):
 
     poses: Annotated[int, Field(ge=1, description="Training poses that are relaxed.")] = 300
     shell: Annotated[int, Field(ge=0, description="Perturbed poses around each that are relaxed too.")] = 2
+    rounds: Annotated[
+        int, Field(ge=0, description="How often the model is run under other loads, and learns from where it went.")
+    ] = 1
+    explored: Annotated[int, Field(ge=1, description="Poses of its own runs that are relaxed in each round.")] = 120
     points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
     columns: Annotated[int, Field(ge=1, description="Most columns of the basis of what is slaved to z.")] = 40
