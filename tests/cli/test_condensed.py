@@ -23,7 +23,7 @@ from ldsim.simulator import Simulator, load
 from ldsim.space.relaxation import Relaxation, Relaxed
 from tests.cli.experiments import TINY, Experiment
 
-SMALL = {"poses": 24, "shell": 1, "explored": 6, "points": 8, "features": 4, "columns": 6, "steps": 300}
+SMALL = {"poses": 24, "shell": 1, "rounds": 1, "explored": 6, "points": 8, "features": 4, "columns": 6, "steps": 300}
 CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidden": [12], "condensed": SMALL}}
 
 
