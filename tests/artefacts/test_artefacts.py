@@ -139,7 +139,8 @@ def names_of(artefact: Path) -> list[str]:
 
 def refusals(change: Callable[[h5py.File, str], None], kind: str, artefact: Path, names: list[str]) -> dict[str, str]:
     """What is said of an artefact where one of these datasets alone is changed."""
-    whole, found = artefact.read_bytes(), {}
+    whole = artefact.read_bytes()
+    found: dict[str, str] = {}
     for name in names:
         artefact.write_bytes(whole)
         with changed(artefact) as file:
