@@ -70,7 +70,7 @@ ATTACKS = {
     "checkpoints": Attack(checkpoints, 100),
     "configurations": Attack(configurations, 2500),
     "files": Attack(files, 1500),
-    "kills": Attack(kills, 160),
+    "kills": Attack(kills, 220),
     "latent": Attack(partial(steps, "small", "latent"), 100),
     "linear": Attack(partial(steps, "small", "linear"), 100),
     "condensed": Attack(partial(steps, "condensed", "latent"), 100),
