@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import shutil
 from collections.abc import Iterator
 from functools import partial
@@ -71,9 +70,7 @@ def _read(bench: Bench, command: str, path: Path, form: str, pictures: str) -> s
         return outcome(invoke(*words[command]))
     if command == "export":
         return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
-    forked = multiprocessing.get_context("fork")  # workers need no start of their own
-    with patch.object(multiprocessing, "get_context", lambda _: forked):
-        said = bench.stage(command, run.name + (pictures if command == "report" else ""), bench.made)
+    said = bench.stage(command, run.name + (pictures if command == "report" else ""), bench.made)
     anew = command == "snapshot" and said == "accepted" and same(path, bench.whole / run.name / path.name)
     return "made anew" if anew else said
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import shutil
 import sys
 import tempfile
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import h5py
 from click.testing import Result
@@ -53,8 +55,10 @@ class Bench:
         return invoke(stage, self.config(name), "--runs", runs)
 
     def stage(self, stage: str, name: str, runs: Path) -> str:
-        """What came of a stage."""
-        return outcome(self.command(stage, name, runs))
+        """What came of a stage; its workers are forked too, and need no start of their own."""
+        forked = multiprocessing.get_context("fork")
+        with patch.object(multiprocessing, "get_context", lambda _: forked):
+            return outcome(self.command(stage, name, runs))
 
     def copy(self, name: str) -> Path:
         """A run again, its files linked but for those that a trial replaces."""
