@@ -79,7 +79,7 @@ def _check_config(source: Path, described: bool, config: Path | None) -> None:
 def _of_file(source: Path, options: RecordOptions, progress: Progress) -> Scene:
     """A solid without a configuration, as `ldsim new` would have it; where one is asked for, it is written."""
     place = options.config or source.with_suffix(".yaml")
-    geometry = seen(source, place, NewOptions(**options.given()))
+    geometry = seen(source, place, NewOptions.model_validate(options.given()))
     section = geometry.options
     if section.surface is not None and options.cells is None:
         options = options.replace(cells=COARSE_CELLS)
