@@ -59,8 +59,20 @@ class Options(BaseModel):
 
     @classmethod
     def of_dump(cls, text: str) -> Self:
-        """The options that a dump is of, as the header of an artefact has it."""
-        return cls(**(yaml.safe_load(text) or {}))
+        """The options that a dump is of, as the header of an artefact has it.
+
+        Raises:
+            SettingsError: it is not one of theirs.
+        """
+        try:
+            content = yaml.safe_load(text) or {}
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            raise SettingsError(
+                f"settings of an artefact are not valid YAML: {' '.join(str(error).split())}"
+            ) from error
+        if not isinstance(content, dict):
+            raise SettingsError(f"settings of an artefact are {type(content).__name__}; expected a mapping")
+        return checked_options(content, "settings of an artefact", cls)
 
     def dump(self, defaults: bool = True) -> str:
         """As YAML, with the defaults or with what was given alone; the same text for the same values."""

@@ -7,6 +7,7 @@ import fnmatch
 import hashlib
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -33,6 +34,8 @@ STAGE_OF = {
 # Motions of the role test lie in a file of their own, which nothing but simulate and what follows reads.
 WRITTEN_BY = STAGE_OF | {"tests": "snapshot"}
 CHUNK_BYTES = 64 << 20
+# Attributes that are numbers in every header that has them.
+NUMBERS = re.compile(r"(\w+_)?(seconds|points|memory_mb)|met|quasistatic|material_changed")
 HEADER = ("kind", "schema_version", "ldsim_version", "created", "settings", "inputs", "seed")
 
 
@@ -152,9 +155,9 @@ def _plain(name: str, value: object) -> str | float | int:
         return int(value)
     if isinstance(value, np.floating) and np.isfinite(value):
         return float(value)
-    if isinstance(value, str) and value.isprintable() | (name == "settings"):
+    if isinstance(value, str) and value.isprintable() | (name == "settings") and not NUMBERS.fullmatch(name):
         return value
-    raise ValueError(f"attribute {name!r} is neither text nor a finite number")
+    raise ValueError(f"attribute {name!r} is not the text or the finite number that it should be")
 
 
 def pieces(values: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:

@@ -51,8 +51,10 @@ class PoseSplit:
 
     @classmethod
     def of(cls, poses: int, recorded: int, options: CubatureOptions) -> PoseSplit:
-        """At random; see `split_poses`."""
-        return cls(*split_poses(poses, options.poses, options.heldout_poses, options.seed), recorded, options.seed)
+        """At random; of fewer poses than the options name, shares as large. See `split_poses`."""
+        share = min(poses / (options.poses + options.heldout_poses), 1.0)
+        fitted, kept_back = (max(int(share * most), 1) for most in (options.poses, options.heldout_poses))
+        return cls(*split_poses(poses, fitted, kept_back, options.seed), recorded, options.seed)
 
 
 def split_poses(frames: int, fitted: int, kept_back: int, seed: int) -> tuple[Indices, Indices]:
@@ -64,7 +66,7 @@ def split_poses(frames: int, fitted: int, kept_back: int, seed: int) -> tuple[In
     if frames < fitted + kept_back:
         raise SolverError(
             f"cubature needs {fitted} poses to fit and {kept_back} to judge, but there are {frames} training frames; "
-            "lower cubature.poses or cubature.heldout_poses, or record more"
+            "record more"
         )
     order = np.random.default_rng(seed).permutation(frames)
     return np.sort(order[:fitted]), np.sort(order[fitted : fitted + kept_back])

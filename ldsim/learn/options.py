@@ -31,8 +31,12 @@ class Denoising(Options):
 class CondensedOptions(Options):
     """A condensed latent space: what is relaxed, and what is fitted to it."""
 
-    poses: Annotated[int, Field(ge=1, description="Training poses that are relaxed.")] = 300
-    shell: Annotated[int, Field(ge=0, description="Perturbed poses around each that are relaxed too.")] = 2
+    poses: Annotated[int, Field(ge=1, description="Training poses that are relaxed.")] = 200
+    shell: Annotated[int, Field(ge=0, description="Perturbed poses around each that are relaxed too.")] = 1
+    rounds: Annotated[
+        int, Field(ge=0, description="How often the model is run under other loads, and learns from where it went.")
+    ] = 2
+    explored: Annotated[int, Field(ge=1, description="Poses of its own runs that are relaxed in each round.")] = 80
     points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
     columns: Annotated[int, Field(ge=1, description="Most columns of the basis of what is slaved to z.")] = 40

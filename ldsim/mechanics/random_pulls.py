@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from ldsim.arrays import Array, Indices
@@ -10,10 +13,32 @@ from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_vertices
 
+# Frames of a run and as many again, where nothing tells how long a pull lasts.
+STILL = 30
+
 
 def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
     """Random pulls at the movable surface of a scene."""
     return random_pulls(name, scene.mesh.vertices[_movable_surface(scene)], options)
+
+
+def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, seed: int) -> Motion:
+    """Pulls as far, as stiff and as long as those of other motions, but anywhere, and every other under turned gravity.
+
+    Where those have no pulls, gravity alone turns.
+    """
+    drags = [drag for motion in like for drag in motion.drags]
+    frames = max(int(np.median([len(drag.targets) for drag in drags])), 2) if drags else STILL
+    pulls = PullOptions(count=count, seed=seed, reach=1.0, frames=frames, rest=frames)
+    motion = Motion(name, count * 2 * frames)
+    if drags:
+        reach = float(np.max([np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in drags]))
+        radius, stiffness = (float(np.median([getattr(d, what) for d in drags])) for what in ("radius", "stiffness"))
+        known = {"reach": max(reach, radius), "stiffness": stiffness, "radius": radius}
+        motion = surface_pulls(name, scene, pulls.model_copy(update=known))
+    directions = spread_directions(count, np.random.default_rng((seed, 1))) * np.linalg.norm(scene.gravity)
+    directions[::2] = scene.gravity
+    return replace(motion, gravity=np.repeat(directions, 2 * frames, axis=0))
 
 
 def spread_points(scene: Scene, count: int) -> Indices:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -136,23 +137,47 @@ def minimise(
             memory.clear()
             d = precondition(-g)
             slope = float(g @ d)
-        step = 1.0
-        for _ in range(MAX_BACKTRACKS):
-            trial = x + step * d
-            f_new = objective(trial, g_new)
-            evaluations += 1
-            slope_new = float(g_new @ d) if math.isfinite(f_new) else math.inf
-            if accepts(f, slope, step, f_new, slope_new):
-                break
-            if time.perf_counter() > deadline:
-                return Solution(f, norm, iteration, evaluations, Reason.ITERATIONS_SPENT)
-            step = next_step(f, slope, step, f_new, slope_new)
-            # a shorter step would not change x any more
-            if step * math.sqrt(float(d @ d)) <= EPSILON * math.sqrt(float(x @ x)):
-                return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
-        else:
-            return Solution(f, norm, iteration, evaluations, Reason.NO_DECREASE)
-        memory.add(trial - x, g_new - g)
-        x[:] = trial
-        f, g, g_new = f_new, g_new, g
+        trial = _search(objective, _Ray(x, d, f, slope), g_new, deadline)
+        evaluations += trial.evaluations
+        if trial.failure is not None:
+            return Solution(f, norm, iteration, evaluations, trial.failure)
+        memory.add(trial.x - x, g_new - g)
+        x[:] = trial.x
+        f, g, g_new = trial.f, g_new, g
     return Solution(f, float(np.linalg.norm(g)), max_iterations, evaluations, Reason.ITERATIONS_SPENT)
+
+
+class _Ray(NamedTuple):
+    """A point, a direction from it, and the objective and its slope there."""
+
+    x: Array
+    d: Array
+    f: float
+    slope: float
+
+
+class _Trial(NamedTuple):
+    """The last point that a line search tried; why it is not taken, if it is not."""
+
+    x: Array
+    f: float
+    evaluations: int
+    failure: Reason | None
+
+
+def _search(objective: Objective, ray: _Ray, g: Array, deadline: float) -> _Trial:
+    """Line search along the ray; the gradient where it ends is written into g."""
+    step = 1.0
+    for evaluations in range(1, MAX_BACKTRACKS + 1):
+        x = ray.x + step * ray.d
+        f = objective(x, g)
+        slope = float(g @ ray.d) if math.isfinite(f) else math.inf
+        if accepts(ray.f, ray.slope, step, f, slope):
+            return _Trial(x, f, evaluations, None)
+        if time.perf_counter() > deadline:
+            return _Trial(x, f, evaluations, Reason.ITERATIONS_SPENT)
+        step = next_step(ray.f, ray.slope, step, f, slope)
+        # a shorter step would not change x any more
+        if step * math.sqrt(float(ray.d @ ray.d)) <= EPSILON * math.sqrt(float(ray.x @ ray.x)):
+            break
+    return _Trial(x, f, evaluations, Reason.NO_DECREASE)

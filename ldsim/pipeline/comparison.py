@@ -271,7 +271,7 @@ def compare_motion(
     Yields the space's name, its trajectory and its minimiser.
     """
     scene = spaces[0].scene
-    of_full = FullOptions(tolerance=options.stop(scene), quasistatic=options.quasistatic)
+    of_full = FullOptions(tolerance=options.stop(float(scene.vertex_mass.sum())), quasistatic=options.quasistatic)
     full = run_full(scene, reference, stretch(reference.motion, measured.full_frames), of_full)
     yield "full", full, "L-BFGS, warped factor"
     lifting = Lifting.of(scene, [reference.motion])

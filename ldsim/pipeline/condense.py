@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +11,15 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel
 from ldsim.artefacts.training import TrainingStore
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.synthetic import synthetic_frames
 from ldsim.errors import SettingsError, SolverError
-from ldsim.jit import in_threads
 from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed
 from ldsim.learn.options import TrainOptions
-from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.pipeline.progress import Bar, Progress
+from ldsim.mechanics.random_pulls import covering_pulls
+from ldsim.pipeline.progress import Progress
+from ldsim.pipeline.relaxed_poses import Frames, Piece, Poses, relaxed_pieces
 from ldsim.run import Run
 from ldsim.space.basis import Basis, is_identity
 from ldsim.space.decoder import Decoder
@@ -26,25 +27,21 @@ from ldsim.space.encoder import IDENTITY
 from ldsim.space.novelty import fit_novelty
 from ldsim.space.pca import leading_modes, orthonormal_rows, spectrum
 from ldsim.space.projection import reconstruction_error
-from ldsim.space.relaxation import Relaxation, Relaxed
-
-Frames = Callable[[int], NDArray[np.floating]]
+from ldsim.space.relaxation import Relaxation
+from ldsim.space.space import Space
 
 # Where r is left out: columns of the basis are ordered, and more of them cost little.
 COORDINATES = 16
-# Poses that are relaxed in one piece of work, which is kept when it is done.
-TOGETHER = 8
-# Directions in which the tangents of a pose are learned, this long beside the poses, in energy coordinates.
-DIRECTIONS, LENGTH = 4, 0.3
-# Perturbed poses: one of these shares of the energy of a pose is added, alike in all directions, but never less than
-# `LEAST` of what poses have in the mean, of which `TYPICAL` are looked at.
-SHARES, LEAST, TYPICAL = (0.03, 0.1, 0.3, 1.0), 0.1, 40
+# A round's own runs: pulls, and the tolerance of their steps as a share of the largest rest force of a coordinate.
+PULLS, TOLERANCE = 100, 4e-3
+# Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
+EXPLORING = 0.25
 
 
 def condensed_model(
     run: Run, q: Array, recorded: int, displacement: Frames, options: TrainOptions, progress: Progress
 ) -> StoredModel:
-    """Relax training poses and fit a condensed space to them.
+    """Relax training poses and fit a condensed space to them; run it, and learn from where it went, in rounds.
 
     Args:
         q: coordinates of all training poses, (N, k); the first `recorded` are of snapshots.
@@ -59,20 +56,84 @@ def condensed_model(
     if options.r is None:
         r = min(r, run.basis.k)
     _refuse(run, r)
-    relaxation = Relaxation(run.scene, run.basis.columns(r))
-    poses = _Poses(relaxation, q[:, :r], displacement, options)
-    kept = list(_relaxed(poses, run.folder / "model.partial", progress))
-    _tell_lost(poses.wanted, kept, progress)
-    slaved = _slaved_basis(kept, run, options.condensed.columns)
-    samples = _samples(kept, slaved, relaxation)
-    with progress.bar("train", options.condensed.steps, "step") as bar:
+    work = _Work(run, Relaxation(run.scene, run.basis.columns(r)), options, progress)
+    work.relax("relaxed", q[:, :r], displacement, options.condensed.poses)
+    for number in range(options.condensed.rounds):
+        work.explore(number)
+    work.tell_lost()
+    return _stored(run, *work.fit("train", options.condensed.steps), q, recorded)
 
-        def watch(step: int, loss: float, error: float) -> None:
-            bar.say(f"loss {loss:.3f}, force error {error:.4f}")
-            bar.reach(step)
 
-        found = fit_condensed(samples, _moduli(run, options), options, watch)
-    return _stored(run, found, slaved, q, recorded)
+class _Work:
+    """Poses that are relaxed so far, and fits to them."""
+
+    def __init__(self, run: Run, relaxation: Relaxation, options: TrainOptions, progress: Progress) -> None:
+        self.run, self.relaxation, self.options, self.progress = run, relaxation, options, progress
+        self.partial = run.folder / "model.partial"
+        self.wanted, self.pieces = 0, list[Piece]()
+
+    @property
+    def z(self) -> Array:
+        """Coordinates of all relaxed poses, (m, r)."""
+        return np.concatenate([np.asarray(piece.read()["z"], dtype=np.float64) for piece in self.pieces])
+
+    def relax(self, name: str, z: Array, displacement: Frames, count: int, beside: Array | None = None) -> None:
+        """Relax `count` of many poses, and some around them."""
+        poses = Poses(self.relaxation, z, displacement, self.options, count, beside)
+        self.wanted += poses.wanted
+        self.pieces += relaxed_pieces(poses, self.partial, name, self.progress)
+        if not len(self.z):
+            raise SolverError(
+                f"none of {self.wanted} poses has a stable equilibrium at its coordinates: the solid buckles wherever "
+                "it was taken; use a stiffer material, weaker motions, or train.kind: autoencoder"
+            )
+
+    def explore(self, number: int) -> None:
+        """Run what can be fitted so far under loads like those of the motions, and relax poses that it comes to."""
+        have, count = self.z, self.options.condensed.explored
+        digest = hashlib.sha256(have.tobytes() + repr((number, self.options)).encode()).hexdigest()
+        store = TrainingStore(self.partial, f"explored{number}", digest)
+        kept = store.load()
+        if kept is None:
+            found, slaved = self.fit(f"train: before round {number + 1}", int(EXPLORING * self.options.condensed.steps))
+            basis = Basis.of(_columns(self.run, found.decoder, slaved), self.run.scene.mass)
+            space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
+            z = self._own_frames(space, number)
+            far = Poses(
+                self.relaxation, z, lambda i: space.displacement(space.decoder(z[i])), self.options, count, have
+            )
+            poses = [space.displacement(space.decoder(z[i])).astype(np.float32) for i in far.chosen]
+            kept = {"z": z[far.chosen], "u": np.array(poses)}
+            store.save(kept)
+        u = np.asarray(kept["u"], dtype=np.float64)
+        self.relax(f"round {number + 1}", np.asarray(kept["z"], dtype=np.float64), u.__getitem__, count, have)
+
+    def _own_frames(self, space: Space, number: int) -> Array:
+        """Coordinates of the frames of its own runs, (f, r)."""
+        run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
+        pulls = covering_pulls(f"round {number + 1}", run.scene, motions, PULLS, self.options.seed + 1 + number)
+        with self.progress.bar(f"train: runs of round {number + 1}", pulls.frames, "frame") as bar:
+            stepper = ReducedStepper(space, ReducedOptions(tolerance=TOLERANCE))
+            q = synthetic_frames(stepper, pulls, bar.update, pulls.frames // PULLS)
+        return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
+
+    def fit(self, name: str, steps: int) -> tuple[Condensed, Basis]:
+        """Fit to all relaxed poses; with the basis of what is slaved."""
+        slaved = _slaved_basis(self.pieces, self.run, self.options.condensed.columns)
+        with self.progress.bar(name, steps, "step") as bar:
+
+            def watch(step: int, loss: float, error: float) -> None:
+                bar.say(f"loss {loss:.3f}, force error {error:.4f}")
+                bar.reach(step)
+
+            condensed = self.options.condensed.model_copy(update={"steps": steps})
+            options = self.options.model_copy(update={"condensed": condensed})
+            samples = _samples(self.pieces, slaved, self.relaxation)
+            return fit_condensed(samples, _moduli(self.run, options), options, watch), slaved
+
+    def tell_lost(self) -> None:
+        """Say how many poses have no sample, and how many buckle."""
+        _tell_lost(self.wanted, self.pieces, self.progress)
 
 
 def _refuse(run: Run, r: int) -> None:
@@ -86,139 +147,7 @@ def _refuse(run: Run, r: int) -> None:
         raise SettingsError(f"train.r is {r}; allowed are 1 … {run.basis.k}, the columns of the basis (pca.k)")
 
 
-class _Poses:
-    """Which poses are relaxed, and the work on one piece of them."""
-
-    def __init__(self, relaxation: Relaxation, z: Array, displacement: Frames, options: TrainOptions) -> None:
-        self.relaxation, self.z, self._displacement, self._options = relaxation, z, displacement, options
-        rng = np.random.default_rng((options.seed, 0))
-        count = min(options.condensed.poses, len(z))
-        values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
-        self._softest = values[0]
-        root = (vectors * np.sqrt(values)) @ vectors.T
-        y = z @ root
-        # most frames of a motion are near rest, and a run is lost where it is far; who asks for more poses gets a
-        # longer prefix of the same order, so only those that are new are relaxed
-        self.chosen = farthest_points(y, count)
-        size = np.sqrt(np.mean(np.sum(y**2, axis=1)))
-        self._to_z = LENGTH * size * np.linalg.inv(root)
-        some = [displacement(int(number)).astype(np.float64) for number in rng.permutation(len(z))[:TYPICAL]]
-        energies = np.array([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some])
-        # a synthetic pose may be inverted somewhere, where some materials have infinite energy
-        self._typical = float(energies[np.isfinite(energies)].sum() / len(energies))
-
-    @property
-    def wanted(self) -> int:
-        """How many samples there are, if none is lost."""
-        return len(self.chosen) * (1 + self._options.condensed.shell)
-
-    def identity(self, piece: int) -> str:
-        """A hash of all that the relaxed poses of a piece depend on."""
-        text = f"{self._options.seed} {self.of(piece)} {self._options.condensed.shell}"
-        fields = self.relaxation.coordinates.matrix
-        return hashlib.sha256(self.z.tobytes() + fields.tobytes() + text.encode()).hexdigest()
-
-    def of(self, piece: int) -> list[int]:
-        """The numbers of a piece's poses."""
-        return [int(number) for number in self.chosen[piece * TOGETHER : (piece + 1) * TOGETHER]]
-
-    def relaxed(self, piece: int) -> dict[str, NDArray[np.generic]]:
-        """The samples of one piece; where what z leaves free has no stable equilibrium, there is none.
-
-        Where the solid would buckle if z were let go, V_eff curves downwards, and is learned as anywhere else.
-        """
-        found: list[Relaxed] = []
-        for number in self.of(piece):
-            rng = np.random.default_rng((self._options.seed, 1, number))
-            try:
-                base = self.relaxation.from_pose(self._displacement(number))
-            except SolverError:
-                continue
-            found.append(replace(base, inverse=None))
-            for _ in range(self._options.condensed.shell):
-                try:
-                    pose = self.relaxation(base.z + self._noise(base, rng), base)
-                    found.append(replace(pose, inverse=None))
-                except SolverError:
-                    continue
-        return self._arrays(found, np.random.default_rng((piece, 2)))
-
-    def _noise(self, base: Relaxed, rng: np.random.Generator) -> Array:
-        """A random change of z, longest where the pose is softest.
-
-        Noise of one size in every coordinate would stretch and press the solid along directions in which it hardly
-        moves: what is curled up when a solid bends far is stiff at rest.
-        """
-        values, vectors = np.linalg.eigh(base.stiffness)
-        energy = rng.choice(SHARES) * max(base.energy, LEAST * self._typical)
-        lengths = np.sqrt(2 * energy / len(values) / np.maximum(np.abs(values), self._softest))
-        change: Array = vectors @ (lengths * rng.normal(size=len(values)))
-        return change
-
-    def _arrays(self, found: list[Relaxed], rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
-        V = self.relaxation.coordinates.fields
-        r, size = V.shape[2], V.shape[0] * 3
-        normal = rng.normal(size=(len(found), DIRECTIONS, r))
-        directions = normal / np.linalg.norm(normal, axis=2, keepdims=True) @ self._to_z
-        slaved = [(pose.u - V @ pose.z).ravel() for pose in found]
-        along = [d @ (pose.tangents - V).reshape(size, r).T for pose, d in zip(found, directions, strict=True)]
-        return {
-            "z": np.array([pose.z for pose in found]).reshape(-1, r),
-            "force": np.array([pose.force for pose in found]).reshape(-1, r),
-            "stiffness": np.array([pose.stiffness for pose in found]).reshape(-1, r, r),
-            "directions": directions,
-            "slaved": np.array(slaved, dtype=np.float32).reshape(-1, size),
-            "along": np.array(along, dtype=np.float32).reshape(-1, DIRECTIONS, size),
-        }
-
-
-def farthest_points(y: Array, count: int) -> NDArray[np.int64]:
-    """Numbers of `count` rows of y, (N, r), each the farthest from rest, y = 0, and from those before it."""
-    distance, chosen = np.linalg.norm(y, axis=1), np.empty(count, dtype=np.int64)
-    for i in range(count):
-        chosen[i] = distance.argmax()
-        distance = np.minimum(distance, np.linalg.norm(y - y[chosen[i]], axis=1))
-        distance[chosen[: i + 1]] = -1.0  # none twice, where frames repeat
-    return chosen
-
-
-class _Piece:
-    """The relaxed poses of one piece of work, read from its file when they are asked for."""
-
-    def __init__(self, store: TrainingStore) -> None:
-        self._store = store
-
-    def read(self) -> Mapping[str, NDArray[np.generic]]:
-        found = self._store.load()
-        if found is None:
-            raise SolverError("relaxed poses were removed while they were used; run the stage again")
-        return found
-
-    def rows(self) -> NDArray[np.float32]:
-        """Slaved parts and their changes along the directions, (b (1 + d), 3n)."""
-        arrays = self.read()
-        slaved, along = arrays["slaved"], arrays["along"]
-        return np.concatenate([slaved, along.reshape(-1, slaved.shape[1])]).astype(np.float32)
-
-
-def _relaxed(poses: _Poses, partial: Path, progress: Progress) -> Iterator[_Piece]:
-    """All pieces, each kept as soon as it is done; what an earlier run has done is not done again."""
-    pieces = range(-(-len(poses.chosen) // TOGETHER))
-    stores = [TrainingStore(partial, f"relaxed{piece}", poses.identity(piece)) for piece in pieces]
-    with progress.bar("train: relaxed poses", poses.wanted, "pose") as bar:
-        todo = [piece for piece in pieces if stores[piece].load() is None]
-        _advance(bar, poses, len(pieces) - len(todo))
-        for piece, arrays in zip(todo, in_threads(poses.relaxed, todo), strict=True):
-            stores[piece].save(arrays)
-            _advance(bar, poses, 1)
-    yield from map(_Piece, stores)
-
-
-def _advance(bar: Bar, poses: _Poses, pieces: int) -> None:
-    bar.update(min(pieces * TOGETHER * poses.wanted // max(len(poses.chosen), 1), poses.wanted))
-
-
-def _slaved_basis(pieces: list[_Piece], run: Run, most: int) -> Basis:
+def _slaved_basis(pieces: list[Piece], run: Run, most: int) -> Basis:
     """The leading modes of the slaved parts, orthogonal in the mass to the coordinates' columns."""
 
     def chunks() -> Iterator[NDArray[np.float32]]:
@@ -228,7 +157,7 @@ def _slaved_basis(pieces: list[_Piece], run: Run, most: int) -> Basis:
     return leading_modes(chunks, run.scene.mass, min(most, found.independent), found)[0]
 
 
-def _samples(pieces: list[_Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:
+def _samples(pieces: list[Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:
     columns: dict[str, list[Array]] = {}
     for arrays in (piece.read() for piece in pieces):
         along = arrays["along"].astype(np.float64)
@@ -242,14 +171,9 @@ def _samples(pieces: list[_Piece], slaved: Basis, relaxation: Relaxation) -> Con
     return CondensedSamples(**joined, rest_stiffness=rest.stiffness, rest_slaved=slaved.project(tangents))
 
 
-def _tell_lost(wanted: int, pieces: list[_Piece], progress: Progress) -> None:
+def _tell_lost(wanted: int, pieces: list[Piece], progress: Progress) -> None:
     stiffness = [np.asarray(piece.read()["stiffness"], dtype=np.float64) for piece in pieces]
     lost = wanted - sum(map(len, stiffness))
-    if lost == wanted:
-        raise SolverError(
-            f"none of {wanted} poses has a stable equilibrium at its coordinates: the solid buckles wherever it was "
-            "taken; use a stiffer material, weaker motions, or train.kind: autoencoder"
-        )
     if lost:
         progress.tell(
             f"note: {lost} of {wanted} poses have no stable equilibrium at their coordinates (buckled, or too far "
@@ -268,14 +192,19 @@ def _moduli(run: Run, options: TrainOptions) -> tuple[NDArray[np.int64], Array, 
     return points, elements.mu[points], elements.lam[points]
 
 
-def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) -> StoredModel:
-    r, k, scene = found.decoder.r, found.decoder.k, run.scene
-    V = run.basis.columns(r)
+def _columns(run: Run, decoder: Decoder, slaved: Basis) -> Array:
+    """U, (3n, k): V, zeros for the features, and what is slaved."""
+    V = run.basis.columns(decoder.r)
     # V is orthonormal already and comes first, so that only the slaved columns change
-    rows = orthonormal_rows(np.hstack([V.matrix, slaved.matrix]).T, scene.mass)
-    columns = np.zeros((len(V.matrix), k))
-    columns[:, :r], columns[:, k - slaved.k :] = V.matrix, rows[r:].T
-    basis = Basis.of(columns, scene.mass)
+    rows = orthonormal_rows(np.hstack([V.matrix, slaved.matrix]).T, run.scene.mass)
+    columns = np.zeros((len(V.matrix), decoder.k))
+    columns[:, : V.k], columns[:, decoder.k - slaved.k :] = V.matrix, rows[V.k :].T
+    return columns
+
+
+def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) -> StoredModel:
+    r, columns = found.decoder.r, _columns(run, found.decoder, slaved)
+    basis = Basis.of(columns, run.scene.mass)
     networks = found.encoder, found.decoder
     errors = np.array([reconstruction_error(run.chunks(role), basis, *networks) for role in ("train", "validation")])
     return StoredModel(

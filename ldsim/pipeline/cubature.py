@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 INPUTS = ("scene", "snapshots", "basis", "model")
 # Seconds between restarts of the runs that virtual points are judged by.
 WINDOW = 0.25
-# Fits to a smaller tolerance where poses that were kept back miss it, and what is aimed at there, as a share of it.
-AIMS, AIM = 2, 0.95
+# Further fits where poses that were kept back miss the tolerance, and which share of it their error should then be.
+REFITS, MARGIN = 2, 0.95
 
 
 def cubature(
@@ -81,11 +81,11 @@ def _chosen_on_mesh(space: PoseSpace, split: PoseSplit, options: CubatureOptions
     A method of others stops where it was published to stop.
     """
     path = choose_on_mesh(space, split, options, told)
-    for _ in range(AIMS if options.method == "exchange" else 0):
+    for _ in range(REFITS if options.method == "exchange" else 0):
         if path.meets(options.tolerance) or len(path.best.points) >= options.max_points:
             break
-        aim = AIM * options.tolerance * path.best.training_error / path.best.heldout_error
-        path = choose_on_mesh(space, split, options.replace(tolerance=aim), told)
+        smaller = MARGIN * options.tolerance * path.best.training_error / path.best.heldout_error
+        path = choose_on_mesh(space, split, options.replace(tolerance=smaller), told)
     return path
 
 

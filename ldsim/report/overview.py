@@ -15,7 +15,7 @@ COLUMNS = ("run", "state", "cells", "r", "error", "step", "changed")
 
 
 def listed(runs: Path) -> list[str]:
-    """A table of all runs in a folder, newest last; the error is that of the statement, or on a motion held out.
+    """A table of all runs in a folder, newest last; the error is the statement's, or that of the report's headline.
 
     Raises:
         ArtefactError: the folder has no run.

@@ -113,7 +113,13 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     counts += [4 if single else 8, options.max_iterations]
     stiffness, radius = usual_grip(scene)
     reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
-    numbers = [scene.time_step, *scene.gravity, options.stop(scene), float(scene.mass.sum()), scene.mesh.diagonal]
+    numbers = [
+        scene.time_step,
+        *scene.gravity,
+        options.stop(float(scene.vertex_mass.sum())),
+        float(scene.mass.sum()),
+        scene.mesh.diagonal,
+    ]
     return Pieces(counts, [*map(float, numbers), stiffness, radius, reach, threshold, 0.0], arrays)
 
 

@@ -174,8 +174,10 @@ def made_by(run: Run, stage: str) -> Path:
 
 def changed_settings(before: str, now: Options) -> list[str]:
     """The dotted keys whose values differ between the YAML of an artefact and options."""
-    old, new = yaml.safe_load(before), yaml.safe_load(now.dump())
-    return _differing(old, new) or ["settings"]
+    try:
+        return _differing(yaml.safe_load(before), yaml.safe_load(now.dump())) or ["settings"]
+    except (yaml.YAMLError, ValueError, RecursionError):  # somebody wrote it
+        return ["settings"]
 
 
 def _differing(old: object, new: object, path: str = "") -> list[str]:
@@ -186,5 +188,8 @@ def _differing(old: object, new: object, path: str = "") -> list[str]:
 
 
 def _changed_files(before: str, now: str) -> list[str]:
-    old, new = json.loads(before), json.loads(now)
-    return [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    try:
+        old, new = json.loads(before), json.loads(now)
+        return [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    except (ValueError, TypeError, AttributeError, RecursionError):  # somebody wrote it
+        return ["files"]

@@ -43,7 +43,7 @@ mesh:
 snapshot:
   # reach: a quarter of its size, or less where that strains it by a half; stiffness: that of the solid where it is
   # neither soft nor stiff; radius: holds a hundredth of its surface
-  motions:
+  motions:{recorded}
     - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
     - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
     - {{name: others, role: validation, pulls: {{count: 5, seed: 3, {pulls}}}}}
@@ -63,11 +63,9 @@ simulate:
 """
 
 
-class NewOptions(Options):
-    """What can be said of a solid that a configuration is made for; the rest is seen or assumed."""
+class Given(Options):
+    """What can be said of a solid that comes as a file; what is not is seen or assumed."""
 
-    shape: Annotated[str | None, Field(description="A procedural shape instead of a file, such as beam.")] = None
-    resolution: Annotated[int, Field(ge=1, le=64, description="Of a shape: cubes across its thinnest side.")] = 3
     unit: Annotated[Literal["mm", "cm", "m", "in"] | None, Field(description="Of the file; else by its size.")] = None
     pin: Annotated[
         Literal["x-min", "x-max", "y-min", "y-max", "z-min", "z-max"] | None,
@@ -76,6 +74,17 @@ class NewOptions(Options):
     youngs_modulus: Annotated[
         Positive | None, Field(description="Pa; else that of soft rubber, or more where its weight asks for it.")
     ] = None
+
+    def given(self) -> dict[str, object]:
+        """These alone."""
+        return self.model_dump(include=set(Given.model_fields))
+
+
+class NewOptions(Given):
+    """What can be said of a solid that a configuration is made for."""
+
+    shape: Annotated[str | None, Field(description="A procedural shape instead of a file, such as beam.")] = None
+    resolution: Annotated[int, Field(ge=1, le=64, description="Of a shape: cubes across its thinnest side.")] = 3
     cells: Annotated[int, Field(ge=10, description="Tets that a surface is filled with, about.")] = CELLS
     output: Annotated[Path | None, Field(description="The configuration; else NAME.yaml, here.")] = None
 
@@ -171,11 +180,14 @@ def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:
     return Geometry(name, tuple(lines), tuple(said), MeshOptions(**content))
 
 
-def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None = None) -> tuple[str, list[str]]:
+def configuration(
+    geometry: Geometry, scene: Scene, youngs_modulus: float | None = None, recording: str | None = None
+) -> tuple[str, list[str]]:
     """The text of a configuration for a solid, and in plain lines what was assumed and what the solid then does.
 
     Args:
-        scene: made with the geometry's options.
+        scene: made with the geometry's options, or coarser.
+        recording: the file of a motion to learn from besides random pulls.
 
     Raises:
         SettingsError: it is too large to be looked at.
@@ -191,10 +203,11 @@ def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None
     values = _values(solid, derived.SOFT * factor, 3 * len(scene.free))
     material = f"Young's modulus {values['modulus']} Pa: {why} (--youngs-modulus)"
     lines = "\n  ".join(geometry.lines)
-    text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, **values)
-    pulls = settings_of(yaml.safe_load(text), geometry.name).snapshot.motions[0].pulls
-    assert pulls is not None
-    return text, [*geometry.said, material, *described(solid.stiffened(factor), [pulls])]
+    by_hand = f"\n    - {{name: by_hand, role: train, recording: {_quoted(recording)}}}" if recording else ""
+    text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, recorded=by_hand, **values)
+    motions = settings_of(yaml.safe_load(text), geometry.name).snapshot.motions
+    pulls = [each.pulls for each in motions if each.pulls is not None]
+    return text, [*geometry.said, material, *described(solid.stiffened(factor), pulls[:1])]
 
 
 def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:

@@ -3,38 +3,33 @@
 from __future__ import annotations
 
 import os
-import re
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import numpy as np
+import yaml
 
 from ldsim.artefacts.atomic import replacing, writing
 from ldsim.errors import SettingsError
 from ldsim.mechanics.grabs import usual_grip
+from ldsim.mechanics.properties import Change
 from ldsim.mechanics.recording import read_recording
-from ldsim.mechanics.scene import Scene
-from ldsim.mesh.formats import read_mesh, read_surface
-from ldsim.options import Field, Options, Positive
+from ldsim.mechanics.scene import Scene, properties_of, with_properties
+from ldsim.options import Field, Positive
 from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.settings.experiment import Settings, load_settings, settings_of
+from ldsim.settings.experiment import load_settings, settings_of
+from ldsim.settings.new import Given, NewOptions, configuration, seen
 from ldsim.viewer.recorder import Recorder
 
 CONFIGURATIONS = (".yaml", ".yml")
-SURFACES = (".stl", ".obj", ".ply", ".off")
-# Of the extent of the file along the axis that it is pinned on.
-PINNED_SHARE = 0.05
-# Tets of a surface: few for the hand, more for the model.
-COARSE_CELLS, FINE_CELLS = 2000, 10_000
-# How far pulls go, and the errors that PCA and the autoencoder may leave, in diagonals. How
-# many numbers a motion needs is not known before: a fixed r was larger than the basis of the first one that was tried.
-REACH, PCA_TOLERANCE, TRAIN_TOLERANCE = 0.2, 0.0005, 0.004
+# Tets of a surface, few enough for the hand.
+COARSE_CELLS = 2000
 
 
-class RecordOptions(Options):
-    """On what a motion is recorded by hand, and where to."""
+class RecordOptions(Given):
+    """On what a motion is recorded by hand, and where to; for a MESH file also what is known of the solid."""
 
     output: Annotated[Path, Field(description="The recording.")] = Path("motion.csv")
     mesh: Annotated[Path | None, Field(description="A coarser mesh of the configuration's solid.")] = None
@@ -46,12 +41,6 @@ class RecordOptions(Options):
     stiffness: Annotated[Positive | None, Field(description="Of a grab, N/m.")] = None
     radius: Annotated[Positive | None, Field(description="Of a grab, m.")] = None
     config: Annotated[Path | None, Field(description="For a MESH file: write a configuration of all stages.")] = None
-    scale: Annotated[Positive, Field(description="Of a MESH file: metres a unit.")] = 1.0
-    youngs_modulus: Annotated[Positive, Field(description="Of a MESH file, Pa.")] = 1e5
-    pin: Annotated[
-        Literal["x", "y", "z"],
-        Field(description="A MESH file is pinned at its low end; with z gravity is along z too, else along y."),
-    ] = "y"
 
 
 def recording_scene(source: Path, options: RecordOptions, progress: Progress = SILENT) -> tuple[Scene, Recorder]:
@@ -64,14 +53,11 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     """
     described = source.suffix.lower() in CONFIGURATIONS
     _check_config(source, described, options.config)
-    place = source if described else options.config or source.with_suffix(".yaml")
-    settings = load_settings(source) if described else starting_settings(source, place, options)
-    if not described and source.suffix.lower() in SURFACES and options.cells is None:
-        options = options.replace(cells=COARSE_CELLS)
-    scene, _ = described_scene(_coarser(settings.mesh, place, options), progress, place.parent)
-    if options.config is not None:
-        write_configuration(place, settings, scene)
-        progress.tell(f"{place}: record {options.output}, then run its stages (ldsim mesh {place}, …)")
+    if described:
+        section = _coarser(load_settings(source).mesh, source, options)
+        scene, _ = described_scene(section, progress, source.parent)
+    else:
+        scene = _of_file(source, options, progress)
     stiffness, radius = usual_grip(scene)
     notes: dict[str, str | float] = {"recorded_on": source.name, "time_step_s": scene.time_step}
     motion = None if options.play is None else read_recording(options.play, options.play.stem)
@@ -90,33 +76,25 @@ def _check_config(source: Path, described: bool, config: Path | None) -> None:
         config.parent.mkdir(parents=True, exist_ok=True)
 
 
-def starting_settings(source: Path, config: Path, options: RecordOptions) -> Settings:
-    """A solid of the usual material, pinned at the low end of an axis, that learns from one recording.
-
-    Args:
-        config: where the configuration would lie; its paths are relative to that folder.
-
-    Raises:
-        MeshError: the file cannot be read.
-    """
-    surface, scale, axis = source.suffix.lower() in SURFACES, options.scale, options.pin
-    vertices = (read_surface(source, scale) if surface else read_mesh(source, scale).mesh).vertices
-    thickness = PINNED_SHARE * float(np.ptp(vertices[:, "xyz".index(axis)]))
-    file = os.path.relpath(source, config.parent)
-    recording = os.path.relpath(options.output, config.parent)
-    content = {
-        "experiment": re.sub(r"[^A-Za-z0-9_.-]+", "-", source.stem).lstrip(".")[:100] or "solid",
-        "mesh": {
-            **({"surface": {"file": file, "cells": FINE_CELLS}} if surface else {"file": file}),
-            "scale": scale,
-            "material": {"youngs_modulus": options.youngs_modulus},
-            "pins": [{"slab": {"axis": axis, "at": "min", "thickness": float(f"{thickness:.3g}")}}],
-            **({"gravity": [0.0, 0.0, -9.8]} if axis == "z" else {}),  # it stands on its low end
-        },
-        "snapshot": {"motions": [{"name": "by_hand", "role": "train", "recording": recording}]},
-        "cubature": {"poses": 200, "heldout_poses": 50},
-    }
-    return settings_of(content, str(source))
+def _of_file(source: Path, options: RecordOptions, progress: Progress) -> Scene:
+    """A solid without a configuration, as `ldsim new` would have it; where one is asked for, it is written."""
+    place = options.config or source.with_suffix(".yaml")
+    geometry = seen(source, place, NewOptions.model_validate(options.given()))
+    section = geometry.options
+    if section.surface is not None and options.cells is None:
+        options = options.replace(cells=COARSE_CELLS)
+    scene, _ = described_scene(_coarser(section, place, options), progress, place.parent)
+    recording = os.path.relpath(options.output, place.parent)
+    text, said = configuration(geometry, scene, options.youngs_modulus, recording)
+    for line in said:
+        progress.tell(line)
+    section = settings_of(yaml.safe_load(text), str(place)).mesh
+    if options.config is not None:
+        with replacing(place) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        progress.tell(f"{place}: record {options.output}, then `ldsim make {place}`")
+    material = Change(**section.material.model_dump())
+    return replace(with_properties(scene, properties_of(scene).changed(material)), time_step=section.time_step)
 
 
 def _coarser(section: MeshOptions, config: Path, options: RecordOptions) -> MeshOptions:
@@ -133,26 +111,3 @@ def _coarser(section: MeshOptions, config: Path, options: RecordOptions) -> Mesh
             raise SettingsError(f"--cells needs mesh.surface in {config}; for a mesh file give a coarser --mesh")
         changes = {"surface": section.surface.replace(cells=options.cells, edge_length=None)}
     return section.replace(**changes, refine=0) if changes else section
-
-
-def write_configuration(path: Path, settings: Settings, scene: Scene) -> None:
-    """Write a starting configuration, with random and synthetic pulls to learn from and a few others to judge it by.
-
-    Raises:
-        ArtefactError: it cannot be written.
-    """
-    stiffness, radius = usual_grip(scene)
-    diagonal = scene.mesh.diagonal
-    numbers = {"reach": REACH * diagonal, "stiffness": stiffness, "radius": radius}
-    pulls = {"rest": 60} | {name: float(f"{value:.3g}") for name, value in numbers.items()}
-    content = settings.model_dump(mode="json", exclude_unset=True)
-    content["snapshot"]["motions"] += [
-        {"name": "pulls", "role": "train", "pulls": {"count": 8, "seed": 2} | pulls},
-        {"name": "others", "role": "validation", "pulls": {"count": 4, "seed": 1} | pulls},
-        {"name": "unseen", "role": "test", "pulls": {"count": 4, "seed": 4} | pulls},
-    ]
-    for stage, share in (("pca", PCA_TOLERANCE), ("train", TRAIN_TOLERANCE)):
-        content[stage] = {"tolerance_mm": float(f"{1e3 * share * diagonal:.3g}")}
-    content["pca"]["synthetic"] = {"count": 60, "seed": 3} | pulls
-    with replacing(path) as temporary:
-        temporary.write_text(settings_of(content, str(path)).dump(defaults=False), encoding="utf-8")

@@ -185,6 +185,12 @@ class Simulator:
         if material_scale != self._material_scale:
             self._stepper = self._own_stepper.stiffened(material_scale)
             self._state = self._state.renewed()
+            for other in (self._state, self._stepper.rest()):
+                if self._stepper.extent(self._state) <= self._limit:
+                    break
+                # softer, a condensed solid gives way at once to what pulled it: then rather to nothing
+                self._state = other
+                self._state.loads = Loads((), np.zeros(3))
         self._gravity, self._material_scale = gravity, material_scale
 
     def step(self, count: int = 1) -> StepRecord:

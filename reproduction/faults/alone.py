@@ -11,7 +11,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,8 @@ def told(read: Callable[[], object]) -> str:
     return "accepted"
 
 
-def fork(trial: Trial, within: tuple[Path, ...]) -> tuple[int, int]:
-    """Begin a trial in a child that leads a group of its own; returns its number and the pipe that it tells by."""
+def fork(trials: Sequence[Trial], within: tuple[Path, ...]) -> tuple[int, int]:
+    """Begin trials in a child that leads a group of its own; returns its number and the pipe that it tells by."""
     reading, writing = os.pipe()
     gc.freeze()
     child = os.fork()
@@ -63,34 +63,47 @@ def fork(trial: Trial, within: tuple[Path, ...]) -> tuple[int, int]:
     os.setsid()
     os.close(reading)
     sys.addaudithook(_watch(within))
-    try:
-        os.write(writing, trial().encode()[:2000])
-    except BaseException as error:
-        os.write(writing, f"traceback: {error!r}".encode()[:2000])
+    for trial in trials:
+        try:
+            said = trial()
+        except BaseException as error:
+            said = f"traceback: {error!r}"
+        os.write(writing, said.encode()[:2000] + b"\0")
     os._exit(0)
 
 
-def alone(trial: Trial, limit: float = LIMIT, within: tuple[Path, ...] = ()) -> str:
-    """The outcome of a trial in a process of its own.
+def alone(trials: Sequence[Trial], limit: float = LIMIT, within: tuple[Path, ...] = ()) -> list[str]:
+    """The outcomes of trials, one after another in a process of their own; where one ends it, it is the last.
 
     Args:
-        limit: seconds after which it counts as hanging; those in which this process was stopped do not count.
-        within: folders outside which it may change nothing; none watches nothing.
+        limit: seconds after which one counts as hanging; those in which it waited for a processor that others had, or
+            in which this process was stopped, do not count.
+        within: folders outside which they may change nothing; none watches nothing.
     """
-    child, reading = fork(trial, within)
-    waited, ready = 0.0, False
-    while not ready and waited < limit:
-        started = time.monotonic()
-        ready = bool(select.select([reading], [], [], 0.5)[0])
-        waited += min(time.monotonic() - started, 1.0)
-    if not ready:
+    child, reading = fork(trials, within)
+    said, waited = b"", 0.0
+    while said.count(b"\0") < len(trials) and waited < limit:
+        started = time.monotonic() - starved(child)
+        if select.select([reading], [], [], 0.5)[0]:
+            piece, waited = os.read(reading, 1 << 16), 0.0
+            said += piece
+            if not piece:
+                break
+        waited += min(max(time.monotonic() - starved(child) - started, 0.0), 1.0)
+    if waited >= limit:
         os.killpg(child, signal.SIGKILL)
-    said = os.read(reading, 4000).decode(errors="replace")
     os.close(reading)
     _, status = os.waitpid(child, 0)
-    if not ready:
-        return "hang"
-    return said or f"crash: signal {os.WTERMSIG(status)}"
+    outcomes = said.decode(errors="replace").split("\0")[:-1]
+    if len(outcomes) < len(trials):
+        outcomes.append("hang" if waited >= limit else f"crash: signal {os.WTERMSIG(status)}")
+    return outcomes
+
+
+def starved(process: int | str) -> float:
+    """Seconds for which a process could run and had no processor, of its first thread."""
+    with open(f"/proc/{process}/schedstat", encoding="ascii") as stream:
+        return int(stream.read().split()[1]) * 1e-9
 
 
 def here(trial: Trial, limit: float = LIMIT) -> str:

@@ -15,23 +15,26 @@ import numpy as np
 
 from ldsim.pipeline import pca, train
 from reproduction.faults.alone import invoke, outcome
-from reproduction.faults.bench import EXPERIMENTS, KINDS, Bench, own_copy, same
+from reproduction.faults.bench import EXPERIMENTS, KINDS, PICTURES, Bench, own_copy, same
 from reproduction.faults.mutations import OF_ARTEFACTS, sealed
 
 Found = Iterator[tuple[str, str, str]]
 READERS = {
     "scene": ("pca", "train", "simulate", "report", "export"),
-    "snapshots": ("pca", "train", "cubature", "simulate", "report"),
+    "snapshots": ("snapshot", "pca", "train", "cubature", "simulate", "report"),
+    "tests": ("snapshot", "simulate", "report"),
     "basis": ("train", "cubature", "simulate", "report", "export"),
     "model": ("cubature", "simulate", "report", "export"),
     "cubature": ("simulate", "report", "export"),
     "simulation": ("report",),
 }
+LOOKS = ("info", "info of the run", "list", "make")
+TELLS = LOOKS[1:]  # which say what is wrong with it and end well
 FORMATS = ("npz", "safetensors", "c", "gltf")
 
 
 def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
-    """A spoilt artefact, and `info` and two more commands that read it."""
+    """A spoilt artefact, a command that looks at it, and one that works with it."""
     name, kind = str(rng.choice(EXPERIMENTS)), str(rng.choice(KINDS))
     how = str(rng.choice(list(OF_ARTEFACTS)))
     run = bench.copy(name)
@@ -45,22 +48,31 @@ def artefacts(bench: Bench, rng: np.random.Generator) -> Found:
     yield "spoilt artefacts", "files", ""
     if rng.random() < 0.5:
         relinked(run, kind)
-    readers = rng.permutation(READERS[kind])[:2]
-    for command in ("info", *readers):
-        form = str(rng.choice(FORMATS))
-        said = bench.alone(partial(_read, bench, str(command), path, form))
-        said = "silent" if must_be_refused and said == "accepted" else said
+    commands = [str(rng.choice(LOOKS)), str(rng.choice(READERS[kind]))]
+    form, pictures = str(rng.choice(FORMATS)), PICTURES if rng.integers(10) == 0 else ""
+    told = bench.alone(*(partial(_read, bench, command, path, form, pictures) for command in commands))
+    for command, said in zip(commands, told, strict=False):
+        said = "silent" if must_be_refused and said == "accepted" and command not in TELLS else said
+        must_be_refused &= said != "made anew"
         bench.keep(said, f"{how}-{command}-{hashlib.sha256(after).hexdigest()[:12]}-{kind}.h5", after)
         yield "commands on spoilt artefacts", said, f"{how} of {kind} of {name}, {command}"
 
 
-def _read(bench: Bench, command: str, path: Path, form: str) -> str:
+def _read(bench: Bench, command: str, path: Path, form: str, pictures: str) -> str:
     run = path.parent
-    if command == "info":
-        return outcome(invoke("info", path))
+    if command in LOOKS:
+        words: dict[str, tuple[object, ...]] = {
+            "info": ("info", path),
+            "info of the run": ("info", run),
+            "list": ("list", "--runs", bench.made),
+            "make": ("make", bench.config(run.name), "--runs", bench.made, "--dry-run"),
+        }
+        return outcome(invoke(*words[command]))
     if command == "export":
         return outcome(invoke("export", run, "--format", form, "--output", bench.made / "exported"))
-    return bench.stage(command, run.name, bench.made)
+    said = bench.stage(command, run.name + (pictures if command == "report" else ""), bench.made)
+    anew = command == "snapshot" and said == "accepted" and same(path, bench.whole / run.name / path.name)
+    return "made anew" if anew else said
 
 
 def relinked(run: Path, spoilt: str) -> None:
@@ -94,7 +106,7 @@ def checkpoints(bench: Bench, rng: np.random.Generator) -> Found:
     spoil(path, rng)
     if path.read_bytes() == before:
         return
-    said = bench.alone(partial(bench.stage, stage, name, bench.made))
+    (said,) = bench.alone(partial(bench.stage, stage, name, bench.made))
     whole = same(run / f"{kind}.h5", bench.whole / name / f"{kind}.h5")
     said = "silent" if must_be_refused and said == "accepted" and not whole else said
     bench.keep(said, f"{how}-{path.name}", path.read_bytes() if path.exists() else b"")
@@ -114,5 +126,5 @@ def _interrupted(bench: Bench, name: str, stage: str, kept: Path) -> None:
     run = bench.copy(name)
     (run / ("model.h5" if stage == "train" else "basis.h5")).unlink()
     kept.parent.mkdir(exist_ok=True)
-    said = bench.alone(trial)
+    (said,) = bench.alone(trial)
     assert said == "accepted" and any(kept.rglob("*.h5")), said

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import shutil
 import sys
 import tempfile
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import h5py
 from click.testing import Result
 
 from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.store import STAGE_OF
 from ldsim.settings import STAGES
 from reproduction.faults.alone import FAULTS, Trial, alone, invoke, outcome
 
 ROOM = Path(__file__).parent
 EXPERIMENTS = ("small", "condensed")
-KINDS = ("scene", "snapshots", "basis", "model", "cubature", "simulation")
-WRITES = dict(zip(STAGES, KINDS, strict=False))
+KINDS = ("scene", "snapshots", "tests", "basis", "model", "cubature", "simulation")
+# The same configuration with a report of pictures, which take ten times as long as all else that it shows.
+PICTURES = "_pictures"
+WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
 
 
 class Bench:
@@ -27,18 +32,20 @@ class Bench:
 
     Attributes:
         whole: the finished runs, which nothing changes.
-        made: where the copy of one is spoilt.
+        made: where the copy of one is spoilt, of this process alone.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.whole, self.made = folder, folder / "whole", folder / "made"
+        self.folder, self.whole, self.made = folder, folder / "whole", folder / "made" / str(os.getpid())
         scratch = folder / "scratch"
         scratch.mkdir(parents=True, exist_ok=True)
         tempfile.tempdir, os.environ["TMPDIR"], sys.dont_write_bytecode = str(scratch), str(scratch), True
         for name in EXPERIMENTS:
-            shutil.copy(ROOM / f"{name}.yaml", self.config(name))
+            text = (ROOM / f"{name}.yaml").read_text(encoding="utf-8")
+            self.config(name).write_text(text, encoding="utf-8")
+            self.config(f"{name}{PICTURES}").write_text(text.replace("pictures: 0", "pictures: 1"), encoding="utf-8")
             for stage in STAGES if not (self.whole / name / "report").exists() else ():
-                said = self.alone(partial(self.stage, stage, name, self.whole))
+                (said,) = self.alone(partial(self.stage, stage, name, self.whole))
                 assert said == "accepted", f"{stage} of {name}: {said}"
 
     def config(self, name: str) -> Path:
@@ -48,18 +55,21 @@ class Bench:
         return invoke(stage, self.config(name), "--runs", runs)
 
     def stage(self, stage: str, name: str, runs: Path) -> str:
-        """What came of a stage."""
-        return outcome(self.command(stage, name, runs))
+        """What came of a stage; its workers are forked too, and need no start of their own."""
+        forked = multiprocessing.get_context("fork")
+        with patch.object(multiprocessing, "get_context", lambda _: forked):
+            return outcome(self.command(stage, name, runs))
 
     def copy(self, name: str) -> Path:
         """A run again, its files linked but for those that a trial replaces."""
         shutil.rmtree(self.made, ignore_errors=True)
-        shutil.copytree(self.whole / name, self.made / name, copy_function=os.link)
+        apart = shutil.ignore_patterns("report", "*.partial")
+        shutil.copytree(self.whole / name, self.made / name, copy_function=os.link, ignore=apart)
         return self.made / name
 
-    def alone(self, trial: Trial) -> str:
-        """A trial in a process of its own that may change nothing outside the campaign's folder and the caches."""
-        return alone(trial, within=(self.folder, Path.home() / ".cache", Path.home() / ".config"))
+    def alone(self, *trials: Trial) -> list[str]:
+        """Trials in a process of their own that may change nothing outside the campaign's folder and the caches."""
+        return alone(trials, within=(self.folder, Path.home() / ".cache", Path.home() / ".config"))
 
     def keep(self, said: str, name: str, content: bytes) -> None:
         """Keep what found something."""

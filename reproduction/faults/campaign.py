@@ -30,8 +30,8 @@ from ldsim.settings import STAGES
 from ldsim.simulator import load
 from reproduction.bench.soak import soak
 from reproduction.faults import page
-from reproduction.faults.alone import FAULTS
-from reproduction.faults.artefacts import Found, artefacts, checkpoints
+from reproduction.faults.alone import FAULTS, invoke
+from reproduction.faults.artefacts import FORMATS, Found, artefacts, checkpoints
 from reproduction.faults.bench import EXPERIMENTS, Bench
 from reproduction.faults.kills import kills
 from reproduction.faults.texts import configurations, files
@@ -39,7 +39,7 @@ from reproduction.harness import Row, called, parser, row, show, write_results
 
 FOLDER, NAME = "faults", "campaign"
 # Steps of a trial of violent loads, and the most seconds of one in the full space.
-STEPS, SECONDS = 1000, 0.02
+STEPS, SECONDS = 1000, 0.005
 
 
 def steps(run: str, space: str, bench: Bench, rng: np.random.Generator) -> Found:
@@ -50,7 +50,7 @@ def steps(run: str, space: str, bench: Bench, rng: np.random.Generator) -> Found
         soak(simulator, rng, STEPS)
         return json.dumps({outcome.name.lower(): count for outcome, count in simulator.counts.items()})
 
-    said = bench.alone(trial)
+    (said,) = bench.alone(trial)
     counts = json.loads(said) if said.startswith("{") else {said: 1}
     for kind, count in counts.items():
         for _ in range(count):
@@ -66,11 +66,11 @@ class Attack(NamedTuple):
 
 
 ATTACKS = {
-    "artefacts": Attack(artefacts, 5500),
-    "checkpoints": Attack(checkpoints, 300),
+    "artefacts": Attack(artefacts, 5200),
+    "checkpoints": Attack(checkpoints, 100),
     "configurations": Attack(configurations, 2500),
     "files": Attack(files, 1500),
-    "kills": Attack(kills, 200),
+    "kills": Attack(kills, 220),
     "latent": Attack(partial(steps, "small", "latent"), 100),
     "linear": Attack(partial(steps, "small", "linear"), 100),
     "condensed": Attack(partial(steps, "condensed", "latent"), 100),
@@ -82,11 +82,11 @@ COLD = {"configurations", "files"}  # of nothing compiled
 
 
 class Progress:
-    """What an attack has come to so far, in a file of its own."""
+    """What an attack of a seed has come to so far, in a file of its own."""
 
-    def __init__(self, folder: Path, attack: str) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / f"{attack}.json"
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
         kept = json.loads(self.path.read_text(encoding="utf-8")) if self.path.exists() else {}
         self.done, self.seconds = int(kept.get("done", 0)), float(kept.get("seconds", 0.0))
         self.counts = {name: Counter(found) for name, found in kept.get("counts", {}).items()}
@@ -110,7 +110,7 @@ class Progress:
 
 def run_attack(bench: Bench, attack: str, given: Attack, seed: int) -> None:
     """All trials of an attack that were not done yet."""
-    progress = Progress(bench.folder / "progress", attack)
+    progress = Progress(bench.folder / "progress" / f"{attack}-{seed}.json")
     with tqdm(total=given.trials or None, initial=progress.done, desc=attack, mininterval=30) as bar:
         while progress.done < given.trials or progress.seconds < given.seconds:
             rng = np.random.default_rng((seed, zlib.crc32(attack.encode()), progress.done))
@@ -120,17 +120,18 @@ def run_attack(bench: Bench, attack: str, given: Attack, seed: int) -> None:
 
 
 def rows(folder: Path) -> list[Row]:
-    """What all attacks came to."""
+    """What all attacks came to, of all seeds together."""
     found = []
     for attack in ATTACKS:
-        progress = Progress(folder, attack)
-        for name, counts in progress.counts.items():
+        done = [Progress(path) for path in sorted(folder.glob(f"{attack}-*.json"))]
+        for name in dict.fromkeys(name for each in done for name in each.counts):
+            counts = sum((each.counts.get(name, Counter()) for each in done), Counter[str]())
             found.append(row("small and condensed", f"{name}, tried", counts.total()))
             others = sorted(set(counts) - set(FAULTS))
             found += [row("small and condensed", f"{name}, {kind}", counts[kind]) for kind in others]
             found += [row("small and condensed", f"{name}, {kind}", counts[kind], goal="0") for kind in FAULTS]
-        if progress.counts:
-            found.append(row("small and condensed", f"{attack}, time", round(progress.seconds), "s"))
+        if done:
+            found.append(row("small and condensed", f"{attack}, time", round(sum(each.seconds for each in done)), "s"))
     return found
 
 
@@ -138,8 +139,11 @@ def warm(bench: Bench) -> None:
     """Import, compile and read once here what the trials' processes then have from the start."""
     for name in EXPERIMENTS:
         bench.copy(name)
-        for stage in STAGES:
+        for stage in (*STAGES[1:], STAGES[0]):  # a new scene first would mean new snapshots
             bench.command(stage, name, bench.made)
+        for form in FORMATS:
+            invoke("export", bench.made / name, "--format", form, "--output", bench.made / "exported")
+        invoke("info", bench.made / name)
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ def kills(bench: Bench, rng: np.random.Generator) -> Found:
         killed = _anew(bench, stage, name, rng) if rng.integers(ANEW) == 0 else _forked(bench, stage, name, rng)
         if killed:
             yield "kills", "killed", ""
-    said = bench.alone(partial(bench.stage, stage, name, bench.made))
+    (said,) = bench.alone(partial(bench.stage, stage, name, bench.made))
     if said != "accepted":
         yield "runs after kills", f"traceback: {said}", f"{stage} of {name}"
     elif not same(artefact, bench.whole / name / artefact.name):
@@ -48,7 +48,7 @@ def kills(bench: Bench, rng: np.random.Generator) -> Found:
 def _forked(bench: Bench, stage: str, name: str, rng: np.random.Generator) -> bool:
     """Kill a forked command at a moment before its usual end; whether it still ran."""
     started = time.monotonic()
-    child, reading = fork(partial(bench.stage, stage, name, bench.made), ())
+    child, reading = fork([partial(bench.stage, stage, name, bench.made)], ())
     time.sleep(float(rng.uniform(0.0, _TOOK.get((stage, name), LATEST))))
     done, _ = os.waitpid(child, os.WNOHANG)
     if done:

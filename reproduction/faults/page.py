@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from ldsim.viewer.playground import play_server
-from reproduction.faults.alone import fork
+from reproduction.faults.alone import fork, starved
 from reproduction.faults.artefacts import Found
 from reproduction.faults.bench import EXPERIMENTS, Bench
 
@@ -53,7 +53,7 @@ class Page:
             asyncio.run(server.run(lambda url: os.write(writing, url.encode() + b"\n")))
             return "ended"
 
-        self.process, _ = fork(serve, ())
+        self.process, _ = fork([serve], ())
         os.close(writing)
         with os.fdopen(reading) as told:
             self.url = told.readline().strip()
@@ -69,14 +69,14 @@ class Page:
 
     def health(self) -> str:
         """What a healthy page sees: frames that move on, once it has asked for them."""
-        started, why = time.monotonic(), ""
-        while time.monotonic() - started < HEALTHY:
+        started, why = self._clock(), ""
+        while self._clock() - started < HEALTHY:
             try:
                 with self.joined() as page:
                     page.send('{"kind": "reset"}')
                     page.send('{"kind": "pause", "value": false}')
                     frames = 0
-                    while frames < 5 and time.monotonic() - started < HEALTHY:
+                    while frames < 5 and self._clock() - started < HEALTHY:
                         frames += isinstance(page.recv(timeout=HEALTHY), bytes)
                 return "healthy"
             except TURNED_AWAY as error:
@@ -85,10 +85,9 @@ class Page:
         done, status = os.waitpid(self.process, os.WNOHANG)
         return f"crash: {status}" if done else f"hang: {why}"
 
-    def memory(self) -> float:
-        """Resident memory of the server, MB."""
-        with open(f"/proc/{self.process}/statm", encoding="ascii") as stream:
-            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    def _clock(self) -> float:
+        """Seconds that do not count where this process or the server waited for a processor that others had."""
+        return time.monotonic() - starved(self.process) - starved("self")
 
     def end(self) -> None:
         with contextlib.suppress(ProcessLookupError):

@@ -95,7 +95,6 @@ def test_an_interrupted_pca_goes_on_where_it_was(experiment: Experiment, monkeyp
 
 
 CUBATURES: dict[str, tuple[dict[str, object], str]] = {
-    "fewer poses than asked for": ({"poses": 1000}, "needs 1000 poses to fit and 200 to judge, but there are 40"),
     "a tolerance of zero": ({"tolerance": 0.0}, "cubature.tolerance: input should be greater than 0, got 0"),
     "a negative tolerance": ({"tolerance": -0.1}, "cubature.tolerance: input should be greater than 0, got -0.1"),
     "no points": ({"max_points": 0}, "cubature.max_points: input should be greater than or equal to 1, got 0"),

@@ -14,14 +14,16 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
 from ldsim.export.arrays import model_arrays
+from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.motion import Motion
-from ldsim.pipeline import condense
+from ldsim.pipeline import condense, relaxed_poses
+from ldsim.pipeline.progress import SILENT
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
-from ldsim.space.relaxation import Relaxed
+from ldsim.space.relaxation import Relaxation, Relaxed
 from tests.cli.experiments import TINY, Experiment
 
-SMALL = {"poses": 24, "shell": 1, "points": 8, "features": 4, "columns": 6, "steps": 300}
+SMALL = {"poses": 24, "shell": 1, "rounds": 1, "explored": 6, "points": 8, "features": 4, "columns": 6, "steps": 300}
 CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidden": [12], "condensed": SMALL}}
 
 
@@ -113,6 +115,19 @@ def test_let_go_its_energy_never_rises(condensed: Experiment) -> None:
     assert energies[-1] < energies[2]
 
 
+def test_a_round_runs_the_model_itself_under_loads_that_no_motion_had(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        options = TrainOptions.model_validate(CONDENSED["train"])
+        work = condense._Work(run, Relaxation(run.scene, run.basis.columns(3)), options, SILENT)
+        z = work._own_frames(run.space("latent"), 0)
+        drags = run.recorded("a").motion.drags
+        frames = 2 * int(np.median([len(drag.targets) for drag in drags]))
+        assert z.shape == (condense.PULLS * frames, 3)  # not a frame was lost
+        # each run starts at rest
+        first = np.linalg.norm(z[::frames], axis=1)
+        assert (first < 0.5 * np.linalg.norm(z, axis=1).max()).all()
+
+
 def test_an_interrupted_relaxation_keeps_what_was_done(
     condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,7 +136,7 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
     with Run(again.run) as run:
         before = run.model.potential
     done: list[int] = []
-    relaxed = condense._Poses.relaxed
+    relaxed = relaxed_poses.Poses.relaxed
 
     def interrupted(poses: Any, piece: int) -> dict[str, Any]:
         if piece == 2:
@@ -130,11 +145,13 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
         return relaxed(poses, piece)
 
     (again.run / "model.h5").unlink()
-    monkeypatch.setattr(condense._Poses, "relaxed", interrupted)
+    monkeypatch.setattr(relaxed_poses.Poses, "relaxed", interrupted)
     assert again.invoke("train").exit_code != 0
-    monkeypatch.setattr(condense._Poses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1])
+    monkeypatch.setattr(
+        relaxed_poses.Poses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1]
+    )
     assert again.invoke("train").exit_code == 0
-    assert done.count(0) == 1
+    assert done == [0, 1, 2, 0]  # and a piece of the poses that its own runs came to
     with Run(again.run) as run:
         after = run.model.potential
     assert before is not None and after is not None

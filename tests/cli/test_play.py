@@ -10,14 +10,17 @@ import sys
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
 from ldsim.cli.app import main
 from ldsim.pipeline.files import resolve_path
+from ldsim.pipeline.mesh import described_scene
+from ldsim.pipeline.progress import SILENT
 from ldsim.settings import load_settings
-from ldsim.settings.record import RecordOptions, starting_settings
+from ldsim.settings.record import RecordOptions, recording_scene
 from tests.cli.experiments import TINY, refused
 from tests.report.small_run import write_run
 from tests.simulator.playable import write_playable
@@ -128,32 +131,33 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     monkeypatch.setattr("ldsim.cli.record.serve", lambda server, *_: served.append(server))
     if name.endswith(".off"):
         pytest.importorskip("pytetwild", reason="fTetWild is not installed: pip install 'ldsim[surface]'")
-        monkeypatch.setattr("ldsim.settings.record.FINE_CELLS", 60)
     source, made = tmp_path / name, tmp_path / "configs" / "made.yaml"
     source.write_text(content, encoding="utf-8")
     motion = tmp_path / "m.csv"
-    arguments = ["record", str(source), "--scale", "0.1", "--config", str(made), "--output", str(motion)]
+    arguments = ["record", str(source), "--unit", "m", "--config", str(made), "--output", str(motion)]
     result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
     assert result.exit_code == 0 and len(served) == 1, result.output
     motion.touch()  # nothing was recorded here
     settings = load_settings(made)
-    assert settings.experiment == source.stem.replace(" ", "-")
-    assert settings.snapshot.roles == ("train", "train", "validation", "test")
+    assert settings.experiment == "made"
+    assert settings.snapshot.roles == ("train", "train", "train", "validation", "test")
     assert resolve_path(settings.snapshot.motions[0].recording or "", made.parent).resolve() == motion.resolve()
+    made.write_text(made.read_text(encoding="utf-8").replace("cells: 10000", "cells: 60"), encoding="utf-8")
     done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output
     assert "exists already; give --config another name" in refusal(*arguments)
 
 
-@pytest.mark.parametrize(("axis", "gravity"), [("x", (0, -9.8, 0)), ("y", (0, -9.8, 0)), ("z", (0, 0, -9.8))])
-def test_a_solid_that_is_pinned_at_its_low_z_stands_on_it(
-    tmp_path: Path, axis: str, gravity: tuple[float, ...]
-) -> None:
-    source = tmp_path / "one.mesh"
+def test_a_solid_that_is_recorded_on_is_that_of_the_configuration(tmp_path: Path) -> None:
+    source, made = tmp_path / "one.mesh", tmp_path / "one.yaml"
     source.write_text(ONE, encoding="utf-8")
-    options = RecordOptions(scale=0.1, pin=axis, output=tmp_path / "m.csv")
-    settings = starting_settings(source, tmp_path / "one.yaml", options)
-    assert settings.mesh.gravity == gravity
+    options = RecordOptions(pin="z-min", output=tmp_path / "m.csv", config=made, youngs_modulus=2e6)
+    scene, _ = recording_scene(source, options)
+    again, _ = described_scene(load_settings(made).mesh, SILENT, tmp_path)
+    assert tuple(scene.gravity) == (0, 0, -9.8)
+    assert scene.time_step == again.time_step
+    for name in ("mu", "lam", "pinned", "external_force"):
+        np.testing.assert_array_equal(getattr(scene, name), getattr(again, name))
 
 
 def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ldsim.cubature.choose import PoseSplit, choose_on_mesh, split_poses
-from ldsim.cubature.options import FitOptions
+from ldsim.cubature.options import CubatureOptions, FitOptions
 from ldsim.cubature.path import RulePath, relative_errors
 from ldsim.cubature.samples import PoseSpace, perturbed
 from ldsim.cubature.terms import ForceTerm
@@ -40,6 +40,14 @@ def test_poses_to_fit_and_to_judge_are_disjoint_and_rise() -> None:
 def test_fewer_poses_than_asked_for_are_refused() -> None:
     with pytest.raises(SolverError, match="needs 60 poses to fit and 41 to judge, but there are 100"):
         split_poses(100, 60, 41, seed=3)
+
+
+def test_a_short_motion_is_shared_out_as_a_long_one_would_be() -> None:
+    split = PoseSplit.of(60, 60, CubatureOptions(poses=400, heldout_poses=200))
+    assert (len(split.fitted), len(split.kept_back)) == (40, 20)
+    assert not set(split.fitted) & set(split.kept_back)
+    with pytest.raises(SolverError, match="needs 1 poses to fit and 1 to judge, but there are 1"):
+        PoseSplit.of(1, 1, CubatureOptions())
 
 
 def test_perturbed_poses_are_so_many_deviations_away() -> None:

@@ -15,8 +15,10 @@ import pytest
 
 from ldsim.artefacts.opening import datasets
 from ldsim.artefacts.training import TrainingStore
-from ldsim.errors import ArtefactError, LdsimError
+from ldsim.errors import ArtefactError, LdsimError, SettingsError
+from ldsim.learn.options import TrainOptions
 from ldsim.run import Run
+from ldsim.settings.make import _changed_files, changed_settings
 from reproduction.faults import mutations
 from tests.artefacts.examples import EXAMPLES
 from tests.artefacts.test_artefacts import header, refusal
@@ -42,7 +44,8 @@ def test_no_flipped_bit_goes_unnoticed(kind: str, artefact: Path) -> None:
         spoilt = bytearray(whole)
         spoilt[place // 8] ^= 1 << int(place % 8)
         artefact.write_bytes(spoilt)
-        refusal(EXAMPLES[kind], artefact)
+        message = refusal(EXAMPLES[kind], artefact)
+        assert "does not fit its checksum" in message or "is not a" in message
 
 
 # Layouts that we never write: of each dataset of each kind, made so that the checksum fits.
@@ -88,6 +91,7 @@ ATTRIBUTES: dict[str, tuple[str, str, Any]] = {
     "a reference": ("*", "seconds", h5py.Reference()),
     "what a terminal obeys": ("*", "experiment", "\x1b]0;owned\x07"),
     "seconds that are no number": ("*", "seconds", np.nan),
+    "seconds that are a text": ("*", "seconds", "text"),
     "an unknown inner product": ("basis", "inner_product", "other"),
     "no inner product": ("basis", "inner_product", None),
     "an unknown activation": ("model", "activation", "magic"),
@@ -112,7 +116,7 @@ def test_an_attribute_that_is_not_what_it_should_be_is_refused(kind: str, case: 
         del attributes[attribute]
         if value is not None:
             attributes[attribute] = value
-    refusal(EXAMPLES[kind], artefact)
+    assert artefact.name in refusal(EXAMPLES[kind], artefact)
 
 
 # Sizes and numbers that do not fit, of a run that is otherwise whole
@@ -248,3 +252,26 @@ def test_a_checkpoint_that_lacks_something_is_none(tmp_path: Path, change: Calla
     with changed(tmp_path / "r3.checkpoint.h5") as file:
         change(file)
     assert store.load() is None
+
+
+OF_HEADERS = {
+    "a key that is none": "condensed: {pkses: 300}",
+    "no YAML": "k: [",
+    "a date that does not exist": "date: 2026-02-30",
+    "a list": "[1, 2]",
+    "an alias of itself": "a: &a [*a]",
+}
+
+
+@pytest.mark.parametrize("case", OF_HEADERS)
+def test_settings_of_a_header_that_are_none_are_refused(case: str) -> None:
+    """Found by the campaign: `ldsim report` ended with a ValidationError."""
+    with pytest.raises(SettingsError) as caught:
+        TrainOptions.of_dump(OF_HEADERS[case])
+    assert "\n" not in str(caught.value)
+    assert changed_settings(OF_HEADERS[case], TrainOptions())
+
+
+def test_files_of_a_header_that_are_none_have_changed() -> None:
+    for text in ("{", "[1]", "1", '{"a": '):
+        assert _changed_files(text, "{}") == ["files"]

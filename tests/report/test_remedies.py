@@ -82,7 +82,7 @@ ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, objec
     "epochs": ([poor("autoencoder")], None, FALLING, "train.epochs", "set train.epochs to 800 (now 400)"),
     "condensed size": ([poor("autoencoder")], CONDENSED, FALLING, "train.r", "set train.r to 14 (now 10)"),
     "motions": ([error("test", 0.4, 0.3)], None, None, "snapshot.motions", "as many pulls again take 2 min"),
-    "poses": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.poses", "poses to 600 (now 300)"),
+    "poses": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.poses", "poses to 400 (now 200)"),
     "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.tolerance", "tolerance to 0.018 (now 0.035)"),
     "condensed forces": ([error("train", 0.4, 0.3)], CONDENSED, None, "train.condensed.points", "points to 36"),
     "points": ([few_points], None, None, "cubature.max_points", "set cubature.max_points to 300 (now 150)"),

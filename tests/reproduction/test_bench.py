@@ -26,7 +26,7 @@ BENCHES = [
 
 @pytest.mark.parametrize("name", MODULES)
 def test_every_module_imports(name: str) -> None:
-    importlib.import_module(name)
+    assert importlib.import_module(name).__doc__
 
 
 def test_every_module_with_a_command_is_listed_here() -> None:

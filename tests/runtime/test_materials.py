@@ -12,7 +12,6 @@ import pytest
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.runtime import model_file
-from ldsim.runtime.library import compiler
 from tests.mechanics.material_vectors import LAM, MU, read, stress_change
 from tests.runtime.problems import latent
 
@@ -21,15 +20,10 @@ POINT = [ctypes.c_int, NUMBERS, ctypes.c_double, ctypes.c_double]
 
 
 @pytest.fixture(scope="module")
-def materials(sources: Path, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    command = compiler()
-    if command is None:
-        pytest.skip("no C compiler (cc, gcc or clang) is installed: it builds the library")
+def materials(cc: str, sources: Path, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     made = tmp_path_factory.mktemp("materials") / "materials.so"
     file = Path(__file__).with_name("material_point.c")
-    subprocess.run(
-        [command, "-std=c99", "-O2", "-shared", "-fPIC", f"-I{sources}", file, "-o", made, "-lm"], check=True
-    )
+    subprocess.run([cc, "-std=c99", "-O2", "-shared", "-fPIC", f"-I{sources}", file, "-o", made, "-lm"], check=True)
     found = ctypes.CDLL(str(made))
     found.energy_stress.argtypes, found.energy_stress.restype = [*POINT, NUMBERS], ctypes.c_double
     found.tangent.argtypes, found.tangent.restype = [*POINT, *[NUMBERS] * 4], None

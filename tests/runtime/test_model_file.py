@@ -16,7 +16,7 @@ from ldsim.errors import ExportError, SolverError
 from ldsim.export.formats import Choice, export
 from ldsim.run import Run
 from ldsim.runtime import model_file
-from ldsim.runtime.library import Library, NativeModel, compiler
+from ldsim.runtime.library import Library, NativeModel
 from ldsim.runtime.model_file import checksum, model_bytes
 from tests.report.small_run import write_run
 from tests.runtime.problems import condensed, curved, latent, with_moving_pins
@@ -144,27 +144,24 @@ def test_the_sanitizers_see_no_fault_whatever_the_file_is(
 
 
 @pytest.fixture(scope="module")
-def fuzzer(tmp_path_factory: pytest.TempPathFactory, sources: Path) -> Path:
-    command = compiler()
-    if command is None:
-        pytest.skip("no C compiler (cc, gcc or clang) is installed: it builds the library")
+def fuzzer(cc: str, tmp_path_factory: pytest.TempPathFactory, sources: Path) -> Path:
     made = tmp_path_factory.mktemp("fuzz") / "fuzz"
     flags = ["-std=c99", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", f"-I{sources}"]
     files = [Path(__file__).with_name("fuzz.c"), sources / "ldsim.c"]
-    done = subprocess.run([command, *flags, *files, "-o", made, "-lm"], capture_output=True, text=True)
+    done = subprocess.run([cc, *flags, *files, "-o", made, "-lm"], capture_output=True, text=True)
     if done.returncode and "sanitize" in done.stderr:
         pytest.skip("the C compiler has no sanitizers")
     assert done.returncode == 0, done.stderr
     return made
 
 
-def test_the_exported_example_is_built_by_its_makefile_and_pulls(tmp_path: Path) -> None:
-    if compiler() is None or shutil.which("make") is None:
-        pytest.skip("make or a C compiler is not installed: they build the example")
+def test_the_exported_example_is_built_by_its_makefile_and_pulls(tmp_path: Path, cc: str) -> None:
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed: it builds the example")
     write_run(tmp_path)
     with Run.open(tmp_path) as run:
         folder, _ = export(run, Choice("c", space="linear"), tmp_path / "made")
-    built = subprocess.run(["make", "CFLAGS=-O1"], cwd=folder, capture_output=True, text=True)
+    built = subprocess.run(["make", f"CC={cc}", "CFLAGS=-O1"], cwd=folder, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     done = subprocess.run(["./example"], cwd=folder, capture_output=True, text=True)
     lines = done.stdout.splitlines()

@@ -53,7 +53,9 @@ def test_the_committed_module_is_made_of_the_sources_as_they_are() -> None:
     assert webassembly().endswith(wasm.stamp()), "run `python -m tools.wasm` (pip install -e '.[wasm]') and commit it"
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed: it compiles to wasm")
+@pytest.mark.skipif(
+    importlib.util.find_spec("ziglang") is None, reason="ziglang is not installed: pip install 'ldsim[wasm]'"
+)
 def test_compiled_again_the_module_is_the_same() -> None:
     assert wasm.compiled() + wasm.stamp() == webassembly()
 

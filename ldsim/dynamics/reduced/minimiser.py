@@ -143,18 +143,29 @@ def _direction(H: Array, newest: int, count: int, work: Work) -> float:
 
 @kernel()
 def _search(
-    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
+    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, wolfe: bool, work: Work
 ) -> tuple[bool, float, int]:
-    """Line search from z along work.d into work.z_new, work.g_new; whether it succeeded, E there, evaluations."""
-    d, length = work.d, 1.0
+    """Line search from z along work.d into work.z_new, work.g_new; whether it succeeded, E there, evaluations.
+
+    With wolfe, for a step with sufficient decrease after which the slope has risen to `CURVATURE` of the first, by
+    bisection, doubling until there is an upper end (Lewis and Overton 2013, Algorithm 2.6).
+    """
+    d, length, low, high = work.d, 1.0, 0.0, math.inf
     for evaluations in range(1, MAX_BACKTRACKS + 1):
         for i in range(z.shape[0]):
             work.z_new[i] = z[i] + length * d[i]
         f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
         slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
-        if accepts(f, slope, length, f_new, slope_new):
+        if not accepts(f, slope, length, f_new, slope_new):
+            high = length
+        elif wolfe and slope_new < CURVATURE * slope:
+            low = length
+        else:
             return True, f_new, evaluations
-        length = next_step(f, slope, length, f_new, slope_new)
+        if wolfe:
+            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        else:
+            length = next_step(f, slope, length, f_new, slope_new)
         # a shorter step would not change z any more
         if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
             return False, f, evaluations
@@ -171,32 +182,6 @@ def _rounding(model: Reduced, springs: Springs, predictor: Array, z: Array, work
         work.g_new[i] -= work.g[i]
     decode(model.layers, z, work.hidden, work.q)
     return math.sqrt(inner(work.g_new, work.g_new))
-
-
-@kernel()
-def _wolfe_search(
-    model: Reduced, springs: Springs, predictor: Array, z: Array, f: float, slope: float, work: Work
-) -> tuple[bool, float, int]:
-    """The same, for a step with sufficient decrease after which the slope has risen to `CURVATURE` of the first.
-
-    Bisection, doubling until there is an upper end (Lewis and Overton 2013, Algorithm 2.6).
-    """
-    d, length, low, high = work.d, 1.0, 0.0, math.inf
-    for evaluations in range(1, MAX_BACKTRACKS + 1):
-        for i in range(z.shape[0]):
-            work.z_new[i] = z[i] + length * d[i]
-        f_new = value_gradient(model, springs, predictor, work.z_new, work, work.g_new)
-        slope_new = inner(work.g_new, d) if f_new < math.inf else math.inf
-        if not accepts(f, slope, length, f_new, slope_new):
-            high = length
-        elif slope_new < CURVATURE * slope:
-            low = length
-        else:
-            return True, f_new, evaluations
-        length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        if length * math.sqrt(inner(d, d)) <= EPSILON * math.sqrt(inner(z, z)):
-            return False, f, evaluations
-    return False, f, MAX_BACKTRACKS
 
 
 @kernel()
@@ -225,13 +210,7 @@ def step(
         infinite energy unless it was given there.
     """
     g = work.g
-    evaluations = 1
-    f = value_gradient(model, springs, predictor, start, work, g)
-    if f < math.inf:
-        copy(start, z)
-    else:
-        f = value_gradient(model, springs, predictor, z, work, g)
-        evaluations += 1
+    f, evaluations = _begin(model, springs, predictor, start, z, work)
     if not f < math.inf:
         return 0, evaluations, INFINITE_START, f, math.inf
     newest, count, renewed_at = -1, 0, -1
@@ -250,26 +229,41 @@ def step(
             renew, count, renewed_at = False, 0, iteration
         slope = _direction(H, newest, count, work)
         accepted, f_new, tried = False, f, 0
-        if slope < 0.0 and options.wolfe:
-            accepted, f_new, tried = _wolfe_search(model, springs, predictor, z, f, slope, work)
-        elif slope < 0.0:
-            accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, work)
+        if slope < 0.0:
+            accepted, f_new, tried = _search(model, springs, predictor, z, f, slope, options.wolfe, work)
         evaluations += tried
-        if not accepted:
-            # with a fresh preconditioner there is nothing better to try; with an old one, that
-            if renewed_at == iteration:
-                rounding = _rounding(model, springs, predictor, z, work)
-                return iteration, evaluations + 1, CONVERGED if norm <= rounding else NO_DECREASE, f, norm
+        if accepted:
+            newest, count = _learn(options.method, H, z, newest, count, work)
+            copy(work.z_new, z)
+            copy(work.g_new, g)
+            f = f_new
+        elif renewed_at == iteration:
+            # with a fresh preconditioner there is nothing better to try
+            rounding = _rounding(model, springs, predictor, z, work)
+            return iteration, evaluations + 1, CONVERGED if norm <= rounding else NO_DECREASE, f, norm
+        else:
             renew = True
-            continue
-        if options.method == LBFGS:
-            newest, count = _remember(work, z, newest, count)
-        elif options.method != NEWTON:
-            _update(H, z, work)
-        copy(work.z_new, z)
-        copy(work.g_new, g)
-        f = f_new
     return options.max_iterations, evaluations, ITERATIONS_SPENT, f, math.sqrt(inner(g, g))
+
+
+@kernel()
+def _begin(model: Reduced, springs: Springs, predictor: Array, start: Array, z: Array, work: Work) -> tuple[float, int]:
+    """z ← start, unless its energy is infinite; E(z), with its gradient in work.g, and the evaluations."""
+    f = value_gradient(model, springs, predictor, start, work, work.g)
+    if f < math.inf:
+        copy(start, z)
+        return f, 1
+    return value_gradient(model, springs, predictor, z, work, work.g), 2
+
+
+@kernel()
+def _learn(method: int, H: Array, z: Array, newest: int, count: int, work: Work) -> tuple[int, int]:
+    """What a step from z to work.z_new tells of the Hessian; returns the ring's newest and count."""
+    if method == LBFGS:
+        return _remember(work, z, newest, count)
+    if method != NEWTON:
+        _update(H, z, work)
+    return newest, count
 
 
 @kernel()

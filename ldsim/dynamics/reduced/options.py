@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from ldsim.mechanics.scene import Scene
 from ldsim.options import Field, Options
 
 # Where a reduced step stops unless told: at a gradient of this share of the solid's weight on earth. A tighter stop
@@ -48,6 +47,6 @@ class ReducedOptions(MinimiserOptions):
     max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
     quasistatic: Annotated[bool, Field(description="Leave inertia out: every step leads to an equilibrium.")] = False
 
-    def stop(self, scene: Scene) -> float:
-        """The tolerance, N."""
-        return SHARE_OF_WEIGHT * EARTH * float(scene.vertex_mass.sum()) if self.tolerance is None else self.tolerance
+    def stop(self, mass: float) -> float:
+        """The tolerance, N, for a solid of so many kg."""
+        return SHARE_OF_WEIGHT * EARTH * mass if self.tolerance is None else self.tolerance

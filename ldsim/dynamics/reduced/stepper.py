@@ -100,7 +100,7 @@ class ReducedStepper:
         self._renewal_cost = RENEWAL_COST[method]
         renewal = RENEWAL[method] if options.current else options.max_iterations
         self._minimisation = Minimisation(
-            options.stop(scene),
+            options.stop(float(scene.vertex_mass.sum())),
             options.max_iterations,
             int(method),
             options.current,

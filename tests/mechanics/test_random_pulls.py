@@ -1,0 +1,42 @@
+"""Pulls like those of other motions, anywhere on the solid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.options import PullOptions
+from ldsim.mechanics.random_pulls import covering_pulls, surface_pulls
+from ldsim.mechanics.scene import Scene
+from ldsim.mesh.shapes import beam
+from tests.helpers import scene
+
+SOLID = scene(beam(0.4, 0.05, 0.05, 2), gravity=(0.0, -9.8, 0.0))
+
+
+def motion_of(solid: Scene) -> Motion:
+    return surface_pulls("a", solid, PullOptions(count=4, reach=0.3, stiffness=7.0, radius=0.05, frames=11, rest=2))
+
+
+def test_they_are_as_stiff_and_wide_and_long_as_those_given_and_no_longer() -> None:
+    given = motion_of(SOLID)
+    found = covering_pulls("b", SOLID, [given], 10, seed=1)
+    assert len(found.drags) == 10 and found.frames == 10 * 22
+    assert {(drag.stiffness, drag.radius, len(drag.targets)) for drag in found.drags} == {(7.0, 0.05, 11)}
+    reach = max(np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in given.drags)
+    assert all(np.linalg.norm(drag.targets[-1] - drag.point) <= reach * (1 + 1e-12) for drag in found.drags)
+
+
+def test_every_other_has_the_gravity_of_the_scene_and_the_rest_as_much_in_other_directions() -> None:
+    found = covering_pulls("b", SOLID, [motion_of(SOLID)], 10, seed=1)
+    assert found.gravity is not None
+    of_each = found.gravity.reshape(10, 22, 3)
+    np.testing.assert_array_equal(of_each, np.broadcast_to(of_each[:, :1], of_each.shape))
+    np.testing.assert_array_equal(of_each[::2, 0], np.tile(SOLID.gravity, (5, 1)))
+    np.testing.assert_allclose(np.linalg.norm(of_each[1::2, 0], axis=1), 9.8)
+    assert np.ptp(of_each[1::2, 0], axis=0).min() > 5.0
+
+
+def test_a_solid_that_nothing_pulls_has_turned_gravity_alone() -> None:
+    found = covering_pulls("b", SOLID, [Motion("still", 5)], 4, seed=1)
+    assert not found.drags and found.gravity is not None and found.frames == len(found.gravity)
