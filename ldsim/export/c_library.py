@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ldsim.runtime import source, webassembly
+from ldsim.runtime.compilers import shared_library
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
 from ldsim.web import script
@@ -12,15 +14,22 @@ from ldsim.web import script
 FILES = ("ldsim.c", "ldsim.h", "example.c", "Makefile")
 
 
-def write_c(space: Space, folder: Path) -> None:
-    """Write model.ldsim, the library, an example that pulls the solid, and its Makefile.
+def write_c(space: Space, folder: Path, platforms: Sequence[str] = ()) -> None:
+    """Write model.ldsim, the library, an example that pulls the solid, its Makefile, and for each platform the library
+    compiled, in a folder of its name.
 
     Raises:
         ExportError: the library does not know what the space needs.
+        SolverError: a platform is not known, or there is no compiler for it.
     """
     _write_model(space, folder)
     for name in FILES:
         (folder / name).write_text(source(name), encoding="utf-8")
+    for platform in platforms:
+        (folder / platform).mkdir()
+        shared_library(folder / platform, ("ldsim.c", "ldsim.h"), "libldsim", platform)
+        for name in ("ldsim.c", "ldsim.h"):
+            (folder / platform / name).unlink()
 
 
 def write_wasm(space: Space, folder: Path) -> None:

@@ -13,6 +13,7 @@ from ldsim.artefacts.folder import replacing_folder
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.c_library import write_c, write_wasm
+from ldsim.export.fmu import write_fmu
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
 from ldsim.export.paraview import write_vtu_series, write_xdmf
@@ -69,6 +70,7 @@ FORMATS: dict[str, Format] = {
     "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),
     "c": Format("the model and the C library that steps it, with an example", space=write_c),
     "wasm": Format("the model and that library as WebAssembly, with an example in JavaScript", space=write_wasm),
+    "fmu": Format("functional mock-up units of FMI 2 and 3 for co-simulation, by a C compiler", space=write_fmu),
     "playground": Format("one web page that simulates, without a server", ".html", model=write_playground),
 }
 
@@ -81,6 +83,11 @@ class Choice:
     motion: str | None = None
     space: str = AUTO
     every: int = 1
+    platforms: tuple[str, ...] = ()
+
+
+# What `Choice.platforms` are for: formats that hold compiled code.
+COMPILED = {"c": write_c, "fmu": write_fmu}
 
 
 def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, str]:
@@ -101,6 +108,8 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
             f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
             f"run {wanted.extra.install}"
         )
+    if choice.platforms and choice.format not in COMPILED:
+        raise ExportError(f"{choice.format} holds no compiled code; --platform is for {' and '.join(COMPILED)}")
     write: Callable[[Path], None]
     if wanted.model is not None:
         write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
@@ -109,6 +118,8 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
         if space not in run.cubature:
             raise ExportError(f"{choice.format} writes a reduced space, got {space!r}; use {' or '.join(REDUCED)}")
         write, title = partial(wanted.space, run.space(space)), run.folder.resolve().name
+        if choice.platforms:
+            write = partial(COMPILED[choice.format], run.space(space), platforms=choice.platforms)
         what = f"the model of the {space} space"
     else:
         assert wanted.motion is not None, "a format writes a motion, a model or a space"

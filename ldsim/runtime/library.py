@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import shutil
-import subprocess
-import sys
 from collections.abc import Sequence
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from pathlib import Path
@@ -17,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.optimise.solution import Reason
-from ldsim.runtime import source
+from ldsim.runtime.compilers import shared_library
 
 SOURCES = ("ldsim.c", "ldsim.h")
-OPTIMISED = ("-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 
 
 class _Info(ctypes.Structure):
@@ -66,28 +62,13 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-def compiler() -> str | None:
-    """The C compiler of this machine, None where there is none."""
-    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-
-
-def build(folder: Path, flags: Sequence[str] = OPTIMISED) -> Path:
-    """Compile the library into a folder; returns the shared library.
+def build(folder: Path, flags: Sequence[str] = ()) -> Path:
+    """Compile the library into a folder, by this machine's compiler; returns the shared library.
 
     Raises:
         SolverError: there is no compiler, or it fails.
     """
-    command = compiler()
-    if command is None:
-        raise SolverError("no C compiler was found (cc, gcc or clang); install one, such as the package gcc")
-    for name in SOURCES:
-        (folder / name).write_text(source(name), encoding="utf-8")
-    made = folder / {"darwin": "libldsim.dylib", "win32": "ldsim.dll"}.get(sys.platform, "libldsim.so")
-    arguments = [command, "-std=c99", *flags, "-shared", "-fPIC", "ldsim.c", "-o", made.name, "-lm"]
-    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True)
-    if done.returncode:
-        raise SolverError(f"{' '.join(arguments)} failed: {done.stderr.strip()}")
-    return made
+    return shared_library(folder, SOURCES, "libldsim", flags=flags)
 
 
 class Library:

@@ -21,7 +21,7 @@ from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.run import REDUCED, Run
 from ldsim.runtime.follower import Follower
-from ldsim.runtime.library import OPTIMISED, Library, NativeModel, NativeSolid, build
+from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
 from reproduction.harness import Row, called, parser, row, show, write_results
@@ -95,7 +95,7 @@ def main() -> None:
     rows: list[Row] = []
     runs = options.parse_args().runs
     with one_thread(), tempfile.TemporaryDirectory() as folder:
-        library = Library(build(Path(folder), (*OPTIMISED, "-march=native")))
+        library = Library(build(Path(folder), ("-march=native",)))
         for path in runs:
             with Run.open(path) as run:
                 for name in REDUCED:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.runtime.library import Library, build, compiler
+from ldsim.runtime.compilers import compiler
+from ldsim.runtime.library import Library, build
 
 
 @pytest.fixture(scope="session")

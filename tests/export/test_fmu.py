@@ -1,0 +1,157 @@
+"""Functional mock-up units: FMPy finds nothing wrong with them, and steps them as the library steps."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.arrays import Array
+from ldsim.export.fmu import write_fmu
+from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
+from ldsim.runtime.model_file import model_bytes
+from ldsim.space.space import Space
+from tests.runtime.conftest import cc as cc
+from tests.runtime.problems import SPACES
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("fmpy") is None, reason="fmpy is not installed: pip install 'ldsim[fmi]'"
+)
+GUIDE = Path(__file__).parents[2] / "docs" / "guide" / "runtime.md"
+FRAMES, TAKEN, LEFT = 60, 10, 40
+
+
+@pytest.fixture(scope="module", params=["latent neo_hookean", "condensed neo_hookean"])
+def made(request: pytest.FixtureRequest, cc: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Space, Path]:
+    space, folder = SPACES[request.param](), tmp_path_factory.mktemp("fmu")
+    write_fmu(space, folder)
+    return space, folder
+
+
+def tip_and_target(space: Space) -> tuple[Array, Array]:
+    x = space.scene.mesh.vertices
+    tip = x[x[:, 0].argmax()]
+    return tip, tip + 0.2 * space.scene.mesh.diagonal
+
+
+def expected(space: Space, folder: Path) -> tuple[Array, Array]:
+    """Positions of the vertex at the tip, and forces on the solid, after each frame, (N, 3) both."""
+    solid = NativeSolid(NativeModel(Library(build(folder)), model_bytes(space)))
+    x, (tip, target) = space.scene.mesh.vertices, tip_and_target(space)
+    vertex = np.array([x[:, 0].argmax()])
+    rows, forces, grab = [], [], None
+    solid.set_gravity([0.0, -3.0, 0.0])
+    for frame in range(FRAMES):
+        if frame == TAKEN:
+            grab = solid.grab(tip, target, 60.0)
+        if frame == LEFT and grab is not None:
+            solid.release(grab)
+            grab = None
+        solid.step()
+        rows.append(x[vertex[0]] + solid.displacement(vertex)[0])
+        forces.append(np.zeros(3) if grab is None else solid.force(grab))
+    return np.array(rows), np.array(forces)
+
+
+class Unit:
+    """An FMU of either version, with its numbers by name."""
+
+    def __init__(self, file: Path, folder: Path) -> None:
+        import fmpy
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        described = fmpy.read_model_description(str(file), validate=True)
+        self.names = {variable.name: variable.valueReference for variable in described.modelVariables}
+        self.second = described.fmiVersion.startswith("2")
+        kind = FMU2Slave if self.second else FMU3Slave
+        self.unit: Any = kind(
+            guid=described.guid,
+            unzipDirectory=fmpy.extract(str(file), str(folder)),
+            modelIdentifier=described.coSimulation.modelIdentifier,
+            instanceName="solid",
+        )
+        self.unit.instantiate()
+
+    def begin(self, **numbers: Any) -> None:
+        if self.second:
+            self.unit.setupExperiment(startTime=0.0)
+        self.unit.enterInitializationMode()
+        self.set(numbers)
+        self.unit.exitInitializationMode()
+
+    def set(self, numbers: dict[str, Any]) -> None:
+        for name, value in numbers.items():
+            if isinstance(value, bool):
+                self.unit.setBoolean([self.names[name]], [value])
+                continue
+            references = [self.names[f"{name}[{i + 1}]"] for i in range(3)] if np.ndim(value) else [self.names[name]]
+            write = self.unit.setReal if self.second else self.unit.setFloat64
+            write(references, list(np.atleast_1d(value).astype(float)))
+
+    def get(self, name: str) -> Array:
+        read = self.unit.getReal if self.second else self.unit.getFloat64
+        return np.array(read([self.names[f"{name}[{i + 1}]"] for i in range(3)]))
+
+    def call(self, name: str, *given: Any) -> Any:
+        """A function of states, which FMI 3 spells otherwise."""
+        other = name if self.second else name.replace("FMUstate", "FMUState").replace("deS", "des")
+        return getattr(self.unit, other)(*given)
+
+    def step(self, time: float, size: float) -> None:
+        self.unit.doStep(currentCommunicationPoint=time, communicationStepSize=size)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_unit_is_valid_and_steps_as_the_library(made: tuple[Space, Path], tmp_path: Path, version: int) -> None:
+    from fmpy.validation import validate_fmu
+
+    space, folder = made
+    file = folder / f"solid-fmi{version}.fmu"
+    assert validate_fmu(str(file)) == []
+    unit, h, (tip, target) = Unit(file, tmp_path / "unit"), space.scene.time_step, tip_and_target(space)
+    unit.begin(**{"track[2].at": tip})
+    unit.set({"gravity": [0.0, -3.0, 0.0]})
+    positions, forces, kept, state = [], [], None, None
+    for frame in range(FRAMES):
+        if frame == TAKEN:
+            unit.set({"grab[3].point": tip, "grab[3].target": target, "grab[3].stiffness": 60.0, "grab[3].held": True})
+        if frame == LEFT:
+            unit.set({"grab[3].held": False})
+        if frame == TAKEN + 5:
+            state = unit.call("getFMUstate")
+            kept = unit.call("serializeFMUstate", state)
+        unit.step(frame * h, h)
+        positions.append(unit.get("track[2].position"))
+        forces.append(unit.get("grab[3].force"))
+    wanted = expected(space, tmp_path)
+    size = np.abs(wanted[0] - tip).max()
+    assert np.abs(positions - wanted[0]).max() <= 1e-6 * size and size > 1e-3 * space.scene.mesh.diagonal
+    np.testing.assert_allclose(forces, wanted[1], atol=1e-6 * np.abs(wanted[1]).max())
+    assert np.abs(wanted[1]).max() > 0.1
+    # back to a state, by itself and by its bytes: the steps that follow are the same to the last bit
+    for again in (state, unit.call("deSerializeFMUstate", kept)):
+        unit.call("setFMUstate", again)
+        unit.step((TAKEN + 5) * h, 3 * h)
+        np.testing.assert_array_equal(unit.get("track[2].position"), positions[TAKEN + 7])
+    unit.unit.terminate()
+    unit.unit.freeInstance()
+
+
+def test_the_controller_of_the_guide_brings_the_solid_to_where_it_wants_it(
+    made: tuple[Space, Path], tmp_path: Path
+) -> None:
+    program = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)[-1]
+    assert "fmpy" in program
+    (tmp_path / "controller.py").write_text(program, encoding="utf-8")
+    command = [sys.executable, "controller.py", str(made[1] / "solid-fmi3.fmu")]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    away = [float(line.split()[2]) for line in done.stdout.splitlines()]
+    assert away[-1] < 0.2 * away[0]
