@@ -22,7 +22,12 @@
 #include <string.h>
 
 #define MAX_LAYERS 8
-#define POINTS_AT_ONCE 32 /* of the tangent, so that what it works on stays in the cache */
+#define LANES 4 /* points of a block, which are worked on together */
+#define BLOCK (9 * LANES)
+
+/* Four numbers at once, in whatever registers the machine has: a vector type of GCC and Clang. */
+typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
+typedef uint64_t bits_of_four __attribute__((vector_size(32)));
 
 enum { ELU, RELU, TANH, SIGMOID, ACTIVATIONS };
 enum { NEO_HOOKEAN, STABLE_NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, FIXED_COROTATED, LINEAR, MATERIALS };
@@ -57,14 +62,18 @@ const char *ldsim_message(int code)
 /* ---- Numbers and small algebra ---------------------------------------------------------------------------------- */
 
 /* Sums run in eight lanes, in one order whatever the compiler does with them. */
-static double dot(const double *restrict a, const double *restrict b, int n)
+static double dot(const double *a, const double *b, int n)
 {
-    double s[8] = {0.0}, rest = 0.0;
+    four s = {0.0, 0.0, 0.0, 0.0}, t = s;
+    double rest = 0.0;
     int i = 0;
-    for (; i + 8 <= n; i += 8)
-        for (int lane = 0; lane < 8; lane++) s[lane] += a[i + lane] * b[i + lane];
+    for (; i + 8 <= n; i += 8) {
+        s += *(const four *)(a + i) * *(const four *)(b + i);
+        t += *(const four *)(a + i + 4) * *(const four *)(b + i + 4);
+    }
     for (; i < n; i++) rest += a[i] * b[i];
-    return (((s[0] + s[4]) + (s[1] + s[5])) + ((s[2] + s[6]) + (s[3] + s[7]))) + rest;
+    s += t;
+    return ((s[0] + s[2]) + (s[1] + s[3])) + rest;
 }
 
 static double norm(const double *a, int n) { return sqrt(dot(a, a, n)); }
@@ -73,24 +82,112 @@ static void copy(double *restrict to, const double *restrict from, size_t n) { m
 
 static void zero(double *a, size_t n) { memset(a, 0, n * sizeof *a); }
 
-/* out += W' x for W (rows, columns), four rows at a time, so that out is loaded less often. */
+/* out += W' x for W (rows, columns), 32 columns at a time, whose sums stay in registers, then 8, 4 and single ones. */
 static void add_transposed(const double *restrict W, const double *restrict x, double *restrict out, int rows,
                            int columns)
 {
-    int i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        const double a = x[i], b = x[i + 1], c = x[i + 2], d = x[i + 3];
-        const double *A = W + (size_t)i * columns, *B = A + columns, *C = B + columns, *D = C + columns;
-        for (int j = 0; j < columns; j++) out[j] += (a * A[j] + b * B[j]) + (c * C[j] + d * D[j]);
+    int j = 0;
+    for (; j + 32 <= columns; j += 32) {
+        four *o = (four *)(out + j), a = o[0], b = o[1], c = o[2], d = o[3], e = o[4], f = o[5], g = o[6], h = o[7];
+        for (int i = 0; i < rows; i++) {
+            const four *w = (const four *)(W + (size_t)i * columns + j);
+            const double v = x[i];
+            a += v * w[0], b += v * w[1], c += v * w[2], d += v * w[3];
+            e += v * w[4], f += v * w[5], g += v * w[6], h += v * w[7];
+        }
+        o[0] = a, o[1] = b, o[2] = c, o[3] = d, o[4] = e, o[5] = f, o[6] = g, o[7] = h;
     }
-    for (; i < rows; i++)
-        for (int j = 0; j < columns; j++) out[j] += x[i] * W[(size_t)i * columns + j];
+    for (; j + 8 <= columns; j += 8) {
+        /* four rows at a time, for one sum would wait for itself */
+        four *o = (four *)(out + j), none = {0.0, 0.0, 0.0, 0.0};
+        four a = o[0], b = o[1], c = none, d = none, e = none, f = none, g = none, h = none;
+        int i = 0;
+        for (; i + 4 <= rows; i += 4) {
+            const four *w = (const four *)(W + (size_t)i * columns + j), *p = (const four *)((const double *)w + columns);
+            const four *q = (const four *)((const double *)p + columns), *r = (const four *)((const double *)q + columns);
+            a += x[i] * w[0], b += x[i] * w[1], c += x[i + 1] * p[0], d += x[i + 1] * p[1];
+            e += x[i + 2] * q[0], f += x[i + 2] * q[1], g += x[i + 3] * r[0], h += x[i + 3] * r[1];
+        }
+        for (; i < rows; i++) {
+            const four *w = (const four *)(W + (size_t)i * columns + j);
+            a += x[i] * w[0], b += x[i] * w[1];
+        }
+        o[0] = (a + c) + (e + g), o[1] = (b + d) + (f + h);
+    }
+    for (; j + 4 <= columns; j += 4) {
+        four *o = (four *)(out + j), a = *o, b = {0.0, 0.0, 0.0, 0.0};
+        int i = 0;
+        for (; i + 2 <= rows; i += 2) {
+            const double *w = W + (size_t)i * columns + j;
+            a += x[i] * *(const four *)w, b += x[i + 1] * *(const four *)(w + columns);
+        }
+        if (i < rows) a += x[i] * *(const four *)(W + (size_t)i * columns + j);
+        *o = a + b;
+    }
+    for (; j < columns; j++)
+        for (int i = 0; i < rows; i++) out[j] += x[i] * W[(size_t)i * columns + j];
+}
+
+/* C += A'B for A (depth, stride), of which the first `rows` columns count, B (depth, columns) and C (rows, columns),
+ * columns a multiple of four. `lower`: only what the lower triangle of C needs. */
+static void add_gram(const double *restrict A, int stride, const double *restrict B, double *restrict C, int depth,
+                     int rows, int columns, int lower)
+{
+    for (int i = 0; i + 4 <= rows; i += 4) {
+        double *at = C + (size_t)i * columns;
+        int j = 0;
+        for (; j + 12 <= columns && !(lower && j > i + 3); j += 12) { /* 4 x 12, whose sums stay in registers */
+            four *p = (four *)(at + j), *q = (four *)(at + columns + j), *r = (four *)(at + 2 * columns + j),
+                 *s = (four *)(at + 3 * columns + j);
+            four p0 = p[0], p1 = p[1], p2 = p[2], q0 = q[0], q1 = q[1], q2 = q[2];
+            four r0 = r[0], r1 = r[1], r2 = r[2], s0 = s[0], s1 = s[1], s2 = s[2];
+            for (int k = 0; k < depth; k++) {
+                const double *a = A + (size_t)k * stride + i;
+                const four *b = (const four *)(B + (size_t)k * columns + j), x = b[0], y = b[1], z = b[2];
+                p0 += a[0] * x, p1 += a[0] * y, p2 += a[0] * z, q0 += a[1] * x, q1 += a[1] * y, q2 += a[1] * z;
+                r0 += a[2] * x, r1 += a[2] * y, r2 += a[2] * z, s0 += a[3] * x, s1 += a[3] * y, s2 += a[3] * z;
+            }
+            p[0] = p0, p[1] = p1, p[2] = p2, q[0] = q0, q[1] = q1, q[2] = q2;
+            r[0] = r0, r[1] = r1, r[2] = r2, s[0] = s0, s[1] = s1, s[2] = s2;
+        }
+        for (; j < columns && !(lower && j > i + 3); j += 4) {
+            four *p = (four *)(at + j), *q = (four *)(at + columns + j), *r = (four *)(at + 2 * columns + j),
+                 *s = (four *)(at + 3 * columns + j), p0 = *p, q0 = *q, r0 = *r, s0 = *s;
+            for (int k = 0; k < depth; k++) {
+                const double *a = A + (size_t)k * stride + i;
+                const four x = *(const four *)(B + (size_t)k * columns + j);
+                p0 += a[0] * x, q0 += a[1] * x, r0 += a[2] * x, s0 += a[3] * x;
+            }
+            *p = p0, *q = q0, *r = r0, *s = s0;
+        }
+    }
+    for (int i = rows - rows % 4; i < rows; i++)
+        for (int k = 0; k < depth; k++) {
+            const double a = A[(size_t)k * stride + i];
+            for (int j = 0; j < columns; j++) C[(size_t)i * columns + j] += a * B[(size_t)k * columns + j];
+        }
 }
 
 /* out += W v. */
 static void add_product(const double *restrict W, const double *restrict v, double *restrict out, int rows, int columns)
 {
     for (int i = 0; i < rows; i++) out[i] += dot(W + (size_t)i * columns, v, columns);
+}
+
+/* out += W V for W (rows, columns) and four vectors at once, V (columns, 4) and out (rows, 4). */
+static void add_products(const double *restrict W, const double *restrict V, double *restrict out, int rows, int columns)
+{
+    const four *v = (const four *)V;
+    four *o = (four *)out;
+    int i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        const double *A = W + (size_t)i * columns, *B = A + columns, *C = B + columns, *D = C + columns;
+        four a = o[i], b = o[i + 1], c = o[i + 2], d = o[i + 3];
+        for (int j = 0; j < columns; j++) a += A[j] * v[j], b += B[j] * v[j], c += C[j] * v[j], d += D[j] * v[j];
+        o[i] = a, o[i + 1] = b, o[i + 2] = c, o[i + 3] = d;
+    }
+    for (; i < rows; i++)
+        for (int j = 0; j < columns; j++) o[i] += W[(size_t)i * columns + j] * v[j];
 }
 
 /* Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace. */
@@ -108,25 +205,28 @@ static int cholesky(double *A, int n)
     return 1;
 }
 
-static void solve_cholesky(const double *L, double *x, int n)
-{
-    for (int a = 0; a < n; a++) x[a] = (x[a] - dot(L + a * n, x, a)) / L[a * n + a];
-    for (int a = n - 1; a >= 0; a--) {
-        double total = x[a];
-        for (int b = a + 1; b < n; b++) total -= L[b * n + a] * x[b];
-        x[a] = total / L[a * n + a];
-    }
-}
-
-/* inverse = A^-1 by its Cholesky factor, which takes the place of A; inverse stays as it is where there is none. */
+/* inverse = A^-1 by the inverse of its Cholesky factor, which takes the place of A; inverse stays as it is where there is
+ * none. */
 static int invert(double *A, double *inverse, int n)
 {
     if (!cholesky(A, n)) return 0;
-    zero(inverse, (size_t)n * n);
-    for (int a = 0; a < n; a++) {
-        inverse[a * n + a] = 1.0;
-        solve_cholesky(A, inverse + a * n, n);
+    for (int a = 0; a < n; a++) { /* row by row; `inverse` holds the row of the factor meanwhile */
+        double *row = A + (size_t)a * n;
+        for (int b = 0; b < a; b++) inverse[b] = -row[b];
+        const double scale = 1.0 / row[a];
+        zero(row, n);
+        for (int b = 0; b < a; b++)
+            for (int c = 0; c <= b; c++) row[c] += inverse[b] * A[(size_t)b * n + c];
+        row[a] = 1.0;
+        for (int c = 0; c <= a; c++) row[c] *= scale;
     }
+    zero(inverse, (size_t)n * n);
+    if (n % 4 == 0) add_gram(A, n, A, inverse, n, n, n, 1);
+    else for (int k = 0; k < n; k++)
+        for (int a = 0; a <= k; a++)
+            for (int b = 0; b <= a; b++) inverse[a * n + b] += A[k * n + a] * A[k * n + b];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < a; b++) inverse[b * n + a] = inverse[a * n + b];
     return 1;
 }
 
@@ -172,23 +272,6 @@ static void gram(const double *F, double *S)
     S[0] = F[0] * F[0] + F[3] * F[3] + F[6] * F[6], S[1] = F[1] * F[1] + F[4] * F[4] + F[7] * F[7];
     S[2] = F[2] * F[2] + F[5] * F[5] + F[8] * F[8], S[3] = F[0] * F[1] + F[3] * F[4] + F[6] * F[7];
     S[4] = F[0] * F[2] + F[3] * F[5] + F[6] * F[8], S[5] = F[1] * F[2] + F[4] * F[5] + F[7] * F[8];
-}
-
-/* x^(-1/3) for x > 0 to a few units in the last place, without a branch or a call; any number elsewhere. With b the bits
- * of x, four thirds of those of 1 less b/3 are those of a guess that is 3.4 % off; Newton's method on y^-3 = x follows. */
-static double inverse_cube_root(double x)
-{
-    uint64_t bits, third;
-    double y;
-    memcpy(&bits, &x, sizeof bits);
-    third = (bits >> 2) + (bits >> 4);
-    third += third >> 4;
-    third += third >> 8;
-    third += third >> 16;
-    bits = UINT64_C(0x553EF0FF289DD796) - third;
-    memcpy(&y, &bits, sizeof y);
-    for (int i = 0; i < 5; i++) y += y * (1.0 - x * y * y * y) * (1.0 / 3.0);
-    return y;
 }
 
 /* Turns rows p and q of V, and the pair (x, y) of off-diagonals, by the rotation that zeroes the off-diagonal *apq of
@@ -280,23 +363,55 @@ static void signed_svd(const double *F, double *U, double *sigma, double *V)
 
 /* ---- Materials: energy density and first Piola-Kirchhoff stress P = dPsi/dF ----------------------------------------- */
 
-/* mu/2 (J^(-2/3) tr F'F - 3) + lambda/2 (J - 1)^2, infinite for J <= 0, without cancellation near rest: with H = F - 1,
- * J - 1 = tr H + 1/2 ((tr H)^2 - tr H^2) + det H, and for y = J^(-1/3), y - 1 = -(J - 1) y^3 / (1 + y + y^2). */
-static inline double neo_hookean(const double *F, double mu, double lambda, double *P)
+/* y = x^(-1/3) for x > 0 to a few units in the last place, without a branch or a call; any number elsewhere. With b the
+ * bits of x, four thirds of those of 1 less b/3 are those of a guess that is 3.4 % off; with h = 1 - x y^3, the series of
+ * y (1 - h)^(-1/3) to its third power leaves the fourth power of an error, twelvefold. */
+static inline void inverse_cube_root(const four *x, four *y)
 {
-    const double a = F[0] - 1.0, b = F[4] - 1.0, c = F[8] - 1.0, trace = a + b + c;
-    const double H[9] = {a, F[1], F[2], F[3], b, F[5], F[6], F[7], c};
-    const double stretch = 2.0 * trace + squared(H), I1 = 3.0 + stretch;
-    const double minors = (a * b - F[1] * F[3]) + (a * c - F[2] * F[6]) + (b * c - F[5] * F[7]);
-    const double volume = trace + minors + determinant(H), y = inverse_cube_root(1.0 + volume);
-    const double less_one = -volume * (y * y * y) / (1.0 + y + y * y);
-    const double shape = 3.0 * (y + 1.0) * less_one + y * y * stretch;
-    const double shear = mu * y * y, pressure = lambda * volume - shear * I1 * (y * y * y) / 3.0;
-    double C[9];
-    cofactor(F, C);
-    for (int e = 0; e < 9; e++) P[e] = shear * F[e] + pressure * C[e];
-    const double density = 0.5 * mu * shape + 0.5 * lambda * volume * volume;
-    return volume > -1.0 ? density : (double)INFINITY;
+    bits_of_four bits, third;
+    memcpy(&bits, x, sizeof bits);
+    third = (bits >> 2) + (bits >> 4);
+    third += third >> 4;
+    third += third >> 8;
+    third += third >> 16;
+    bits = UINT64_C(0x553EF0FF289DD796) - third;
+    memcpy(y, &bits, sizeof bits);
+    for (int i = 0; i < 2; i++) {
+        const four h = 1.0 - (*x * *y) * (*y * *y);
+        *y += (*y * h) * (1.0 / 3.0 + h * (2.0 / 9.0 + h * (14.0 / 81.0)));
+    }
+}
+
+/* Overwrites the strains F - 1 of a block, (9, LANES), by w P; returns the energy, the sum of w times
+ * mu/2 (J^(-2/3) tr F'F - 3) + lambda/2 (J - 1)^2, infinite for J <= 0, without cancellation near rest: with H = F - 1,
+ * J - 1 = tr H + 1/2 ((tr H)^2 - tr H^2) + det H, and for y = J^(-1/3), y - 1 = -(J - 1) y^3 / (1 + y + y^2).
+ * Written out for all points at once, for this material is the usual one and no compiler was seen to find it. */
+static double sum_neo_hookean(double *restrict strain, const double *restrict w, const double *restrict mu,
+                              const double *restrict lambda, double scale)
+{
+    four *P = (four *)strain, y;
+    const four a = P[0], b = P[1], c = P[2], d = P[3], e = P[4], f = P[5], g = P[6], h = P[7], i = P[8];
+    const four A = a + 1.0, E = e + 1.0, I = i + 1.0, weight = *(const four *)w;
+    const four trace = a + e + i, squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i;
+    const four stretch = 2.0 * trace + squares, I1 = 3.0 + stretch;
+    const four minors = (a * e - b * d) + (a * i - c * g) + (e * i - f * h);
+    const four C0 = E * I - f * h, C1 = f * g - d * I, C2 = d * h - E * g;
+    const four determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+    const four volume = trace + minors + determinant, J = 1.0 + volume;
+    inverse_cube_root(&J, &y);
+    const four square = y * y, cube = square * y;
+    const four less_one = -volume * cube / (1.0 + y + square);
+    const four shape = 3.0 * (y + 1.0) * less_one + square * stretch;
+    const four m = scale * *(const four *)mu, l = scale * *(const four *)lambda;
+    const four shear = weight * m * square, pressure = weight * (l * volume) - shear * I1 * cube * (1.0 / 3.0);
+    const four density = weight * (0.5 * m * shape + 0.5 * l * volume * volume);
+    P[0] = shear * A + pressure * C0, P[1] = shear * b + pressure * C1, P[2] = shear * c + pressure * C2;
+    P[3] = shear * d + pressure * (c * h - b * I), P[4] = shear * E + pressure * (A * I - c * g);
+    P[5] = shear * f + pressure * (b * g - A * h), P[6] = shear * g + pressure * (b * f - c * E);
+    P[7] = shear * h + pressure * (c * d - A * f), P[8] = shear * I + pressure * (A * E - b * d);
+    for (int s = 0; s < LANES; s++)
+        if (!(volume[s] > -1.0) && w[s] > 0.0) return INFINITY;
+    return (density[0] + density[1]) + (density[2] + density[3]);
 }
 
 /* Smith, de Goes and Kim 2018, Eq. 14, with their moduli of Sec. 3.4; zero at rest. */
@@ -435,22 +550,21 @@ static void clamped_tangent(int kind, const double *F, double mu, double lambda,
     clamp_symmetric(D);
 }
 
-/* Overwrites the strains (9, points) from start to stop by w P; returns the energy. One loop for one material: a choice
- * inside would keep the compiler from doing several points at once. */
+/* The same for the other materials. One loop for one material: a choice inside
+ * would keep the compiler from doing several points at once. */
 #define SUM_OF(name)                                                                                                   \
-    static double sum_##name(int start, int stop, int points, double *restrict strain, const double *restrict w,       \
-                             const double *restrict mu, const double *restrict lambda, double scale)                   \
+    static double sum_##name(double *restrict strain, const double *restrict w, const double *restrict mu,             \
+                             const double *restrict lambda, double scale)                                              \
     {                                                                                                                  \
-        double total = 0.0;                                                                                            \
-        for (int s = start; s < stop; s++) {                                                                           \
+        double density[LANES];                                                                                         \
+        for (int s = 0; s < LANES; s++) {                                                                              \
             double F[9], P[9];                                                                                         \
-            for (int e = 0; e < 9; e++) F[e] = strain[e * points + s] + (e % 4 == 0);                                  \
-            total += w[s] * name(F, scale * mu[s], scale * lambda[s], P);                                              \
-            for (int e = 0; e < 9; e++) strain[e * points + s] = w[s] * P[e];                                          \
+            for (int e = 0; e < 9; e++) F[e] = strain[e * LANES + s] + (e % 4 == 0);                                   \
+            density[s] = name(F, scale * mu[s], scale * lambda[s], P);                                                 \
+            for (int e = 0; e < 9; e++) strain[e * LANES + s] = w[s] * P[e];                                           \
         }                                                                                                              \
-        return total;                                                                                                  \
+        return (w[0] * density[0] + w[1] * density[1]) + (w[2] * density[2] + w[3] * density[3]);                                                                                 \
     }
-SUM_OF(neo_hookean)
 SUM_OF(stable_neo_hookean)
 SUM_OF(st_venant_kirchhoff)
 SUM_OF(fixed_corotated)
@@ -459,8 +573,9 @@ SUM_OF(linear_elastic)
 /* ---- The model file ------------------------------------------------------------------------------------------------ */
 
 typedef struct {
-    int rows, columns;
+    int rows, columns, lead; /* lead: columns that are zero, as those of coordinates that the skip alone moves */
     const double *weights, *biases;
+    const double *used, *transposed; /* (rows, columns - lead) and (columns - lead, rows) */
 } layer;
 
 /* Counts in the header, in the order of the file. */
@@ -482,6 +597,7 @@ struct ldsim_model {
     numbers given;
     uint64_t fingerprint, factor_values;
     int r, m, points, width, hidden, moved; /* moved: 12 numbers a support */
+    int wide;                               /* r, up to a multiple of four */
     layer layer[MAX_LAYERS];
     /* all below point into bytes; a basis of float32 stands in basis32, one of float64 in basis64 */
     const double *rest, *at_zero, *skip, *maps, *weights, *mu, *lambda, *inertia, *load, *unit_weight, *lifting,
@@ -489,6 +605,12 @@ struct ldsim_model {
     const float *basis32;
     const uint32_t *triangles, *movable, *kind, *order, *first, *row_start, *front_rows;
     uint32_t largest_front;
+    /* what steps read, laid out for them: strain maps (blocks, mapped, 9, LANES), of each block weights, mu and lambda
+     * (3, LANES), a number of the file for each of its points, and the skip transposed */
+    int blocks;
+    double *packed;
+    const double *block_maps, *block_points, *skip_transposed;
+    const uint32_t *block_first;
     uint64_t bytes[]; /* the file, aligned */
 };
 
@@ -633,6 +755,75 @@ static int check_model(ldsim_model *M)
     return LDSIM_OK;
 }
 
+static const double *transposed(const double *from, int rows, int columns, double *to)
+{
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < columns; j++) to[(size_t)j * rows + i] = from[(size_t)i * columns + j];
+    return to;
+}
+
+/* A block is filled up with points without weight. */
+static void pack_block(const ldsim_model *M, int start, int count, double *maps, double *points)
+{
+    const int c = M->points;
+    for (int s = 0; s < LANES; s++) {
+        points[s] = s < count ? M->weights[start + s] : 0.0;
+        points[LANES + s] = M->mu[start + (s < count ? s : 0)];
+        points[2 * LANES + s] = M->lambda[start + (s < count ? s : 0)];
+        for (int row = 0; row < 9 * (int)M->n.mapped; row++)
+            maps[(size_t)row * LANES + s] = s < count ? M->maps[(size_t)row * c + start + s] : 0.0;
+    }
+}
+
+/* Where the next block ends: it is full, or another material begins. */
+static int block_end(const ldsim_model *M, int start)
+{
+    int stop = start + 1;
+    while (stop < M->points && stop < start + LANES && M->kind[stop] == M->kind[start]) stop++;
+    return stop;
+}
+
+static int leading_zeros(const layer *l)
+{
+    for (int j = 0; j < l->columns; j++)
+        for (int i = 0; i < l->rows; i++)
+            if (l->weights[(size_t)i * l->columns + j] != 0.0) return j;
+    return l->columns - 1;
+}
+
+/* Whether there was memory for it. */
+static int pack(ldsim_model *M)
+{
+    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->m : 0);
+    M->blocks = 0;
+    for (int start = 0; start < M->points; start = block_end(M, start)) M->blocks++;
+    const size_t maps = (size_t)M->n.mapped * BLOCK;
+    total += M->blocks * (maps + 3 * LANES + 1);
+    for (uint32_t i = 0; i < M->n.layers; i++) total += 2 * (size_t)M->layer[i].rows * M->layer[i].columns;
+    M->packed = malloc(total * sizeof(double));
+    if (!M->packed) return 0;
+    double *at = M->packed + (64 - (uintptr_t)M->packed % 64) % 64 / sizeof(double);
+    M->block_maps = at, M->block_points = at += M->blocks * maps;
+    uint32_t *first = (uint32_t *)(void *)(at += 3 * LANES * (size_t)M->blocks);
+    M->block_first = first;
+    for (int b = 0, start = 0, stop; b < M->blocks; b++, start = stop) {
+        first[b] = (uint32_t)start, stop = block_end(M, start);
+        pack_block(M, start, stop - start, (double *)M->block_maps + b * maps, (double *)M->block_points + 3 * LANES * b);
+    }
+    at += M->blocks;
+    for (uint32_t i = 0; i < M->n.layers; i++) {
+        layer *l = M->layer + i;
+        l->lead = i + 1 < M->n.layers || M->n.last_activated ? 0 : leading_zeros(l);
+        const int used = l->columns - l->lead;
+        for (int row = 0; row < l->rows; row++)
+            copy(at + (size_t)row * used, l->weights + (size_t)row * l->columns + l->lead, used);
+        l->used = at, at += (size_t)l->rows * used;
+        l->transposed = transposed(l->used, l->rows, used, at), at += (size_t)l->rows * used;
+    }
+    if (M->n.skip) M->skip_transposed = transposed(M->skip, M->r, M->m, at);
+    return 1;
+}
+
 int ldsim_load(const void *given, size_t size, ldsim_model **model)
 {
     static const unsigned char magic[8] = {'L', 'D', 'S', 'I', 'M', '\r', '\n', 0x1A};
@@ -666,9 +857,11 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     w.at = (const unsigned char *)M->bytes, w.size = HEADER_SIZE;
     find_arrays(M, &w);
     M->fingerprint = sums[0] ^ (sums[1] << 1);
+    M->wide = ((int)M->n.r + 3) / 4 * 4;
     M->r = (int)M->n.r, M->m = (int)M->n.features, M->points = (int)M->n.points, M->moved = 12 * (int)M->n.supports;
     for (uint32_t i = 0; i < M->n.layers; i++) M->hidden += (int)M->n.width[i], M->width = (int)M->n.width[i];
-    const int code = sums[0] != told[1] || sums[1] != told[2] ? LDSIM_DAMAGED : check_model(M);
+    int code = sums[0] != told[1] || sums[1] != told[2] ? LDSIM_DAMAGED : check_model(M);
+    if (code == LDSIM_OK && !pack(M)) code = LDSIM_NO_MEMORY;
     if (code != LDSIM_OK) {
         free(M);
         return code;
@@ -695,7 +888,11 @@ int ldsim_load_file(const char *path, ldsim_model **model)
 }
 #endif
 
-void ldsim_free(ldsim_model *model) { free(model); }
+void ldsim_free(ldsim_model *model)
+{
+    if (model) free(model->packed);
+    free(model);
+}
 
 void ldsim_describe(const ldsim_model *M, ldsim_info *info)
 {
@@ -726,35 +923,39 @@ int ldsim_fields(const ldsim_model *M, const uint32_t *vertices, uint32_t count,
 
 /* ---- The decoder: f(z) = N(z) - N(0) + A z, the identity where there are no layers ----------------------------------- */
 
-/* e^x - 1 for x < 0 to 2 units in the last place, without a branch, for vectors: e^x = 2^n e^f with |f| <= 1/2 ln 2, the
- * latter by its Taylor series; n is rounded by adding 1.5 * 2^52, and 2^n made from bits. */
+/* e^y - 1 for -700 < y <= 0 to 2 units in the last place, without a branch, for vectors: e^y = 2^n e^f with |f| <= 1/2 ln 2,
+ * the latter by its Taylor series; n is rounded by adding 1.5 * 2^52, and 2^n made from bits. */
+static inline double expm1_negative(double y)
+{
+    const double rounder = 6755399441055744.0, shifted = y * 1.4426950408889634074 + rounder, n = shifted - rounder;
+    const double f = (y - n * 6.93147180369123816490e-01) - n * 1.90821492927058770002e-10, g = f * f, h = g * g;
+    /* in pairs, so that not every product waits for the one before */
+    const double low = (0.5 + f * (1.0 / 6.0)) + g * (1.0 / 24.0 + f * (1.0 / 120.0));
+    const double middle = (1.0 / 720.0 + f * (1.0 / 5040.0)) + g * (1.0 / 40320.0 + f * (1.0 / 362880.0));
+    const double high = (1.0 / 3628800.0 + f * (1.0 / 39916800.0)) + g * (1.0 / 479001600.0 + f * (1.0 / 6227020800.0));
+    const double p = ((high * h + middle) * h + low) * g + f;
+    uint64_t bits;
+    double power;
+    memcpy(&bits, &shifted, sizeof bits);
+    bits = (bits + 1023) << 52;
+    memcpy(&power, &bits, sizeof power);
+    return power * p + (power - 1.0);
+}
+
 static void elu(double *x, int count)
 {
-    const double rounder = 6755399441055744.0;
     for (int i = 0; i < count; i++) {
-        const double v = x[i];
-        double y = v < 0.0 ? v : 0.0, power;
-        y = y > -700.0 ? y : -700.0;
-        const double shifted = y * 1.4426950408889634074 + rounder, n = shifted - rounder;
-        const double f = (y - n * 6.93147180369123816490e-01) - n * 1.90821492927058770002e-10;
-        double p = 1.0 / 6227020800.0;
-        p = p * f + 1.0 / 479001600.0;
-        p = p * f + 1.0 / 39916800.0;
-        p = p * f + 1.0 / 3628800.0;
-        p = p * f + 1.0 / 362880.0;
-        p = p * f + 1.0 / 40320.0;
-        p = p * f + 1.0 / 5040.0;
-        p = p * f + 1.0 / 720.0;
-        p = p * f + 1.0 / 120.0;
-        p = p * f + 1.0 / 24.0;
-        p = p * f + 1.0 / 6.0;
-        p = p * f + 0.5;
-        p = p * f * f + f;
-        uint64_t bits;
-        memcpy(&bits, &shifted, sizeof bits);
-        bits = (bits + 1023) << 52;
-        memcpy(&power, &bits, sizeof power);
-        x[i] = v <= 0.0 ? power * p + (power - 1.0) : v;
+        const double v = x[i], y = v < 0.0 ? v : 0.0, e = expm1_negative(y > -700.0 ? y : -700.0);
+        x[i] = v <= 0.0 ? e : v;
+    }
+}
+
+/* scale tanh(rate x) + shift, by tanh x = -e / (2 + e) with e = exp(-2x) - 1 for x >= 0. */
+static void hyperbolic(double *x, int count, double rate, double scale, double shift)
+{
+    for (int i = 0; i < count; i++) {
+        const double v = rate * x[i], y = -2.0 * fabs(v), e = expm1_negative(y > -700.0 ? y : -700.0);
+        x[i] = scale * copysign(-e / (2.0 + e), v) + shift;
     }
 }
 
@@ -762,8 +963,8 @@ static void activate(uint32_t kind, double *x, int n)
 {
     if (kind == ELU) elu(x, n);
     else if (kind == RELU) for (int i = 0; i < n; i++) x[i] = fmax(x[i], 0.0);
-    else if (kind == TANH) for (int i = 0; i < n; i++) x[i] = tanh(x[i]);
-    else for (int i = 0; i < n; i++) x[i] = 0.5 + 0.5 * tanh(0.5 * x[i]);
+    else if (kind == TANH) hyperbolic(x, n, 1.0, 1.0, 0.0);
+    else hyperbolic(x, n, 0.5, 0.5, 0.5);
 }
 
 /* The activation's derivative in terms of its value. */
@@ -789,7 +990,7 @@ static void decode(const ldsim_model *M, const double *z, double *hidden, double
     for (uint32_t i = 0; i < M->n.layers; i++) {
         const layer *l = M->layer + i;
         copy(out, l->biases, l->columns);
-        add_transposed(l->weights, x, out, l->rows, l->columns);
+        add_transposed(l->used, x, out + l->lead, l->rows, l->columns - l->lead);
         if (is_activated(M, i)) activate(M->n.activation, out, l->columns);
         x = out, out += l->columns;
     }
@@ -798,7 +999,7 @@ static void decode(const ldsim_model *M, const double *z, double *hidden, double
     if (M->n.skip) add_transposed(M->skip, z, f, M->r, M->m);
 }
 
-/* gradient = J' v at the z that was decoded last; scratch is as long as hidden. */
+/* gradient = J' v at the z that was decoded last; scratch is as long as hidden, twice. */
 static void decode_vjp(const ldsim_model *M, const double *hidden, const double *v, double *scratch, double *gradient)
 {
     if (M->n.layers == 0) {
@@ -815,40 +1016,47 @@ static void decode_vjp(const ldsim_model *M, const double *hidden, const double 
         }
         double *out = i ? scratch : gradient;
         zero(out, l->rows);
-        add_product(l->weights, incoming, out, l->rows, l->columns);
+        add_transposed(l->transposed, incoming + l->lead, out, l->columns - l->lead, l->rows);
         incoming = out;
         if (i) scratch += l->rows;
     }
-    if (M->n.skip) add_product(M->skip, v, gradient, M->r, M->m);
+    if (M->n.skip) add_transposed(M->skip_transposed, v, gradient, M->m, M->r);
 }
 
-/* jacobian (r, m) = J' at the z that was decoded last, a tangent a row. */
+static void widen(const double *from, double *to, int rows, int columns, int wide)
+{
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < wide; j++) to[(size_t)i * wide + j] = j < columns ? from[(size_t)i * columns + j] : 0.0;
+}
+
+/* jacobian (m, wide) = J at the z that was decoded last, its columns filled up with zeros to M->wide. */
 static void decode_jacobian(const ldsim_model *M, const double *hidden, double *scratch, double *jacobian)
 {
-    for (int a = 0; a < M->r; a++) {
-        double *row = jacobian + (size_t)a * M->m, *out = scratch;
-        zero(row, M->m);
-        if (M->n.layers == 0) {
-            row[a] = 1.0;
-            continue;
-        }
-        const double *y = hidden, *x = NULL;
-        for (uint32_t i = 0; i < M->n.layers; i++) {
-            const layer *l = M->layer + i;
-            if (i == 0) { /* the tangents along the unit vectors are the rows of the first layer */
-                copy(out, l->weights + (size_t)a * l->columns, l->columns);
-            } else {
-                zero(out, l->columns);
-                add_transposed(l->weights, x, out, l->rows, l->columns);
-            }
-            if (is_activated(M, i))
-                for (int j = 0; j < l->columns; j++) out[j] *= slope(M->n.activation, y[j]);
-            x = out, out += l->columns, y += l->columns;
-        }
-        copy(row, x, M->width);
-        if (M->n.skip)
-            for (int j = 0; j < M->m; j++) row[j] += M->skip[(size_t)a * M->m + j];
+    const int wide = M->wide;
+    zero(jacobian, (size_t)M->m * wide);
+    if (M->n.layers == 0) {
+        for (int a = 0; a < M->r; a++) jacobian[(size_t)a * wide + a] = 1.0;
+        return;
     }
+    const double *y = hidden, *x = NULL;
+    for (uint32_t i = 0; i < M->n.layers; i++) {
+        const layer *l = M->layer + i;
+        const int used = l->columns - l->lead, last = i + 1 == M->n.layers;
+        double *out = last ? jacobian : scratch;
+        double *first = out + (size_t)l->lead * wide;
+        if (i == 0) widen(l->transposed, first, used, l->rows, wide);
+        else {
+            if (!last) zero(out, (size_t)l->columns * wide);
+            add_gram(l->used, used, x, first, l->rows, used, wide, 0);
+        }
+        for (int j = 0; j < l->columns && is_activated(M, i); j++) {
+            const double steepness = slope(M->n.activation, y[j]);
+            for (int a = 0; a < wide; a++) out[(size_t)j * wide + a] *= steepness;
+        }
+        x = out, scratch += last ? 0 : (size_t)l->columns * wide, y += l->columns;
+    }
+    for (int j = 0; M->n.skip && j < M->m; j++)
+        for (int a = 0; a < M->r; a++) jacobian[(size_t)j * wide + a] += M->skip_transposed[(size_t)j * M->r + a];
 }
 
 /* ---- A solid ------------------------------------------------------------------------------------------------------- */
@@ -891,42 +1099,86 @@ struct ldsim_solid {
     /* what a step reads: g springs in the order in which they were taken */
     int g, order[LDSIM_MAX_GRABS];
     double *B, *centre, *target, *stiffness, *root;
-    double *force, *lifted; /* load and weight, (m,); strain of moved pins, (9, points) */
+    double *weight, weighed[3]; /* load and weight under a gravity, (m,), and which */
+    double *force, *lifted; /* load and weight, (m,); strain of moved pins, (blocks, 9, LANES) */
     /* scratch memory */
-    double *hidden, *scratch, *predictor, *offset, *pull, *strain, *gradient, *gradient_new, *direction, *z_new,
-        *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *solve;
+    double *hidden, *scratch, *tangents, *predictor, *offset, *pull, *lanes, *gradient, *gradient_new, *direction,
+        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *solve;
     double *positions;
 };
 
 /* ---- The potential --------------------------------------------------------------------------------------------------- */
 
-/* strain (9, points) = G f, with what moved pins add. */
-static void strains(ldsim_solid *S, const double *f)
+/* strain (9, LANES) of a block = G f, with what moved pins add. */
+static void strains(const ldsim_solid *S, int block, const double *f, double *strain)
 {
     const ldsim_model *M = S->model;
-    if (M->moved) copy(S->strain, S->lifted, 9 * M->points);
-    else zero(S->strain, 9 * M->points);
-    add_transposed(M->maps, f, S->strain, (int)M->n.mapped, 9 * M->points);
+    const double *maps = M->block_maps + (size_t)block * M->n.mapped * BLOCK;
+    if (M->moved) copy(strain, S->lifted + (size_t)block * BLOCK, BLOCK);
+    else zero(strain, BLOCK);
+    four *x = (four *)strain, a = x[0], b = x[1], c = x[2], d = x[3], e = x[4], p = x[5], q = x[6], r = x[7], s = x[8];
+    for (int j = 0; j < (int)M->n.mapped; j++) {
+        const four *G = (const four *)(maps + (size_t)j * BLOCK);
+        const double v = f[j];
+        a += v * G[0], b += v * G[1], c += v * G[2], d += v * G[3], e += v * G[4];
+        p += v * G[5], q += v * G[6], r += v * G[7], s += v * G[8];
+    }
+    x[0] = a, x[1] = b, x[2] = c, x[3] = d, x[4] = e, x[5] = p, x[6] = q, x[7] = r, x[8] = s;
 }
 
-/* Overwrites the strains by w P; the energy, infinite where one density is. */
-static double weighted_stresses(ldsim_solid *S)
+/* Overwrites the strains of a block by w P; the energy. */
+static double weighted_stresses(const ldsim_solid *S, int block, double *strain)
 {
     const ldsim_model *M = S->model;
-    double total = 0.0;
-    for (int start = 0, stop = 0; stop < M->points; start = stop) {
-        while (stop < M->points && M->kind[stop] == M->kind[start]) stop++;
-        double (*sum)(int, int, int, double *restrict, const double *restrict, const double *restrict,
-                      const double *restrict, double) = sum_linear_elastic;
-        switch (M->kind[start]) {
-        case NEO_HOOKEAN: sum = sum_neo_hookean; break;
-        case STABLE_NEO_HOOKEAN: sum = sum_stable_neo_hookean; break;
-        case ST_VENANT_KIRCHHOFF: sum = sum_st_venant_kirchhoff; break;
-        case FIXED_COROTATED: sum = sum_fixed_corotated; break;
-        }
-        total += sum(start, stop, M->points, S->strain, M->weights, M->mu, M->lambda, S->scale);
+    const double *w = M->block_points + 3 * LANES * (size_t)block, *mu = w + LANES, *lambda = mu + LANES;
+    switch (M->kind[M->block_first[block]]) {
+    case NEO_HOOKEAN: return sum_neo_hookean(strain, w, mu, lambda, S->scale);
+    case STABLE_NEO_HOOKEAN: return sum_stable_neo_hookean(strain, w, mu, lambda, S->scale);
+    case ST_VENANT_KIRCHHOFF: return sum_st_venant_kirchhoff(strain, w, mu, lambda, S->scale);
+    case FIXED_COROTATED: return sum_fixed_corotated(strain, w, mu, lambda, S->scale);
+    default: return sum_linear_elastic(strain, w, mu, lambda, S->scale);
     }
-    return total < INFINITY ? total : (double)INFINITY; /* NaN, as of a density of infinity less infinity, is neither */
+}
+
+/* lanes (mapped, LANES) += G' P of a block; their sums are the forces. */
+static void add_forces(const ldsim_model *M, int block, const double *stress, double *lanes)
+{
+    const double *maps = M->block_maps + (size_t)block * M->n.mapped * BLOCK;
+    const four *P = (const four *)stress, a = P[0], b = P[1], c = P[2], d = P[3], e = P[4];
+    const four p = P[5], q = P[6], r = P[7], s = P[8];
+    for (int j = 0; j < (int)M->n.mapped; j++) {
+        const four *G = (const four *)(maps + (size_t)j * BLOCK);
+        *(four *)(lanes + LANES * j) += ((a * G[0] + b * G[1]) + (c * G[2] + d * G[3])) +
+                                        ((e * G[4] + p * G[5]) + (q * G[6] + r * G[7])) + s * G[8];
+    }
+}
+
+/* The elastic energy; adds its gradient to S->pull. Infinite where one density is, or is not a number, as infinity less
+ * infinity. A block is read once for both, while it is in the cache. */
+static double add_elastic(ldsim_solid *S, const double *f)
+{
+    const ldsim_model *M = S->model;
+    double total = 0.0, strain[BLOCK];
+    zero(S->lanes, LANES * (size_t)M->n.mapped);
+    for (int block = 0; block < M->blocks; block++) {
+        strains(S, block, f, strain);
+        total += weighted_stresses(S, block, strain);
+        if (!(total < INFINITY)) return INFINITY;
+        add_forces(M, block, strain, S->lanes);
+    }
+    for (int j = 0; j < (int)M->n.mapped; j++) {
+        const double *lane = S->lanes + LANES * (size_t)j;
+        S->pull[j] += (lane[0] + lane[2]) + (lane[1] + lane[3]);
+    }
+    return total;
+}
+
+/* momentum (m,) = I x. */
+static void multiply_inertia(const ldsim_model *M, const double *x, double *momentum)
+{
+    /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
+    for (int j = 0; j < M->m; j++)
+        momentum[j] = M->n.full_inertia ? dot(M->inertia + (size_t)j * M->m, x, M->m) : M->inertia[j] * x[j];
 }
 
 /* E(z) in J and its gradient in N; f(z) is left in f. An infinite value is only backed away from: it has no gradient. */
@@ -934,101 +1186,95 @@ static double value_gradient(ldsim_solid *S, const double *z, double *f, double 
 {
     const ldsim_model *M = S->model;
     const int m = M->m;
-    double value = 0.0;
     decode(M, z, S->hidden, f);
     for (int j = 0; j < m; j++) S->offset[j] = f[j] - S->predictor[j];
-    for (int j = 0; j < m; j++) {
-        /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
-        const double momentum =
-            M->n.full_inertia ? dot(M->inertia + (size_t)j * m, S->offset, m) : M->inertia[j] * S->offset[j];
-        S->pull[j] = momentum - S->force[j];
-        value += 0.5 * S->offset[j] * momentum - S->force[j] * f[j];
-    }
+    multiply_inertia(M, S->offset, S->pull);
+    double value = 0.5 * dot(S->offset, S->pull, m) - dot(S->force, f, m);
+    for (int j = 0; j < m; j++) S->pull[j] -= S->force[j];
     for (int i = 0; i < 3 * S->g; i++) {
         const double *row = S->B + (size_t)i * m, k = S->stiffness[i / 3];
         const double stretch = S->centre[i] - S->target[i] + dot(row, f, m);
         value += 0.5 * k * stretch * stretch;
         for (int j = 0; j < m; j++) S->pull[j] += k * stretch * row[j];
     }
-    strains(S, f);
-    value += weighted_stresses(S);
+    value += add_elastic(S, f);
     if (!(value < INFINITY)) return INFINITY;
-    add_product(M->maps, S->strain, S->pull, (int)M->n.mapped, 9 * M->points);
     decode_vjp(M, S->hidden, S->pull, S->scratch, gradient);
     return value;
 }
 
 /* ---- Its tangent, for the preconditioner --------------------------------------------------------------------------- */
 
-/* Point s of every direction into the frame of the singular vectors, X = U' X V, and T = w times the tangent applied to
- * it; `many` points lie in a row of X and T. */
-static void stress_directions(ldsim_solid *S, int s, int at, int many)
+/* One point of every direction into the frame of the singular vectors, X = U' X V, and T = w times the tangent applied to
+ * it. Entry e of all directions of the point lies at e `apart` in X and in T. */
+static void stress_directions(const ldsim_solid *S, uint32_t kind, const double F[9], double w, double mu, double lambda,
+                              double *X, double *T, int apart)
 {
-    static const int upper[3] = {1, 2, 5}, lower[3] = {3, 6, 7};
-    const ldsim_model *M = S->model;
-    double F[9], U[9], V[9], D[6], O[6], x[9];
-    for (int e = 0; e < 9; e++) F[e] = S->strain[e * M->points + s] + (e % 4 == 0);
-    clamped_tangent((int)M->kind[s], F, S->scale * M->mu[s], S->scale * M->lambda[s], U, V, D, O);
-    const double w = M->weights[s];
-    for (int a = 0; a < M->r; a++) {
-        double *X = S->turned + (size_t)a * 9 * many + at, *T = S->stressed + (size_t)a * 9 * many + at;
-        for (int p = 0; p < 3; p++) {
-            double row[3];
-            for (int j = 0; j < 3; j++)
-                row[j] = U[p] * X[j * many] + U[3 + p] * X[(3 + j) * many] + U[6 + p] * X[(6 + j) * many];
-            for (int j = 0; j < 3; j++) x[3 * p + j] = row[0] * V[j] + row[1] * V[3 + j] + row[2] * V[6 + j];
-        }
-        for (int e = 0; e < 9; e++) X[e * many] = x[e];
-        T[0] = w * (D[0] * x[0] + D[3] * x[4] + D[4] * x[8]);
-        T[4 * many] = w * (D[3] * x[0] + D[1] * x[4] + D[5] * x[8]);
-        T[8 * many] = w * (D[4] * x[0] + D[5] * x[4] + D[2] * x[8]);
-        for (int i = 0; i < 3; i++) {
-            T[upper[i] * many] = w * (O[i] * x[upper[i]] + O[3 + i] * x[lower[i]]);
-            T[lower[i] * many] = w * (O[i] * x[lower[i]] + O[3 + i] * x[upper[i]]);
-        }
+    double U[9], V[9], D[6], O[6];
+    clamped_tangent((int)kind, F, S->scale * mu, S->scale * lambda, U, V, D, O);
+    for (int i = 0; i < 6; i++) D[i] *= w, O[i] *= w;
+    for (int a = 0; a < S->model->wide; a += 4) {
+        four x[9], y[9];
+        for (int e = 0; e < 9; e++) x[e] = *(four *)(X + e * apart + a);
+        for (int p = 0; p < 3; p++)
+            for (int j = 0; j < 3; j++) y[3 * p + j] = U[p] * x[j] + U[3 + p] * x[3 + j] + U[6 + p] * x[6 + j];
+        for (int p = 0; p < 9; p += 3)
+            for (int j = 0; j < 3; j++) x[p + j] = y[p] * V[j] + y[p + 1] * V[3 + j] + y[p + 2] * V[6 + j];
+        y[0] = D[0] * x[0] + D[3] * x[4] + D[4] * x[8];
+        y[4] = D[3] * x[0] + D[1] * x[4] + D[5] * x[8];
+        y[8] = D[4] * x[0] + D[5] * x[4] + D[2] * x[8];
+        y[1] = O[0] * x[1] + O[3] * x[3], y[3] = O[0] * x[3] + O[3] * x[1];
+        y[2] = O[1] * x[2] + O[4] * x[6], y[6] = O[1] * x[6] + O[4] * x[2];
+        y[5] = O[2] * x[5] + O[5] * x[7], y[7] = O[2] * x[7] + O[5] * x[5];
+        for (int e = 0; e < 9; e++) *(four *)(X + e * apart + a) = x[e], *(four *)(T + e * apart + a) = y[e];
     }
 }
 
-/* hessian (r, r) = J' (I + sum w G' d2Psi/dF2 G + sum k B'B) J at z, clamped at every point. */
+/* hessian (r, wide) += J' G' w d2Psi/dF2 G J of a block, clamped at every point. */
+static void add_block_tangent(ldsim_solid *S, int block, const double *f)
+{
+    const ldsim_model *M = S->model;
+    const int wide = M->wide, mapped = (int)M->n.mapped;
+    const double *maps = M->block_maps + (size_t)block * mapped * BLOCK;
+    const double *points = M->block_points + 3 * LANES * (size_t)block;
+    double strain[BLOCK], F[9], *X = S->turned, *T = S->stressed;
+    strains(S, block, f, strain);
+    zero(X, (size_t)BLOCK * wide);
+    if (M->n.layers) add_gram(maps, BLOCK, S->jacobian, X, mapped, BLOCK, wide, 0);
+    else /* J is the identity */
+        for (int row = 0; row < BLOCK; row++)
+            for (int j = 0; j < mapped; j++) X[(size_t)row * wide + j] = maps[(size_t)j * BLOCK + row];
+    for (int s = 0; s < LANES; s++) {
+        for (int e = 0; e < 9; e++) F[e] = strain[e * LANES + s] + (e % 4 == 0);
+        stress_directions(S, M->kind[M->block_first[block]], F, points[s], points[LANES + s], points[2 * LANES + s],
+                          X + (size_t)s * wide, T + (size_t)s * wide, LANES * wide);
+    }
+    add_gram(T, wide, X, S->hessian, BLOCK, M->r, wide, 1);
+}
+
+/* hessian (r, r) = J' (I + sum w G' d2Psi/dF2 G + sum k B'B) J at z. */
 static void tangent_at(ldsim_solid *S, const double *z, double *f)
 {
     const ldsim_model *M = S->model;
-    const int r = M->r, m = M->m, c = M->points;
-    double *J = S->jacobian, *H = S->hessian;
+    const int r = M->r, m = M->m, wide = M->wide;
+    double *J = S->jacobian, *H = S->hessian, *product = S->product;
     decode(M, z, S->hidden, f);
-    decode_jacobian(M, S->hidden, S->scratch, J);
-    for (int a = 0; a < r; a++) {
-        const double *row = J + (size_t)a * m;
+    decode_jacobian(M, S->hidden, S->tangents, J);
+    zero(product, (size_t)m * wide), zero(H, (size_t)r * wide);
+    if (M->n.full_inertia) add_gram(M->inertia, m, J, product, m, m, wide, 0);
+    else
         for (int j = 0; j < m; j++)
-            S->product[j] = M->n.full_inertia ? dot(M->inertia + (size_t)j * m, row, m) : M->inertia[j] * row[j];
-        for (int b = 0; b <= a; b++) H[a * r + b] = dot(S->product, J + (size_t)b * m, m);
-    }
-    strains(S, f);
-    for (int start = 0; start < c; start += POINTS_AT_ONCE) {
-        const int many = c - start < POINTS_AT_ONCE ? c - start : POINTS_AT_ONCE;
-        zero(S->turned, (size_t)r * 9 * many);
-        for (int a = 0; a < r; a++)
-            for (int j = 0; j < (int)M->n.mapped; j++) {
-                const double x = J[(size_t)a * m + j];
-                if (x == 0.0) continue; /* in a linear space nearly all are */
-                for (int e = 0; e < 9; e++) {
-                    const double *G = M->maps + ((size_t)j * 9 + e) * c + start;
-                    double *X = S->turned + ((size_t)a * 9 + e) * many;
-                    for (int s = 0; s < many; s++) X[s] += x * G[s];
-                }
-            }
-        for (int s = 0; s < many; s++) stress_directions(S, start + s, s, many);
-        for (int a = 0; a < r; a++)
-            for (int b = 0; b <= a; b++)
-                H[a * r + b] += dot(S->stressed + (size_t)a * 9 * many, S->turned + (size_t)b * 9 * many, 9 * many);
-    }
+            for (int a = 0; a < wide; a++) product[(size_t)j * wide + a] = M->inertia[j] * J[(size_t)j * wide + a];
+    add_gram(product, wide, J, H, m, r, wide, 1);
+    for (int block = 0; block < M->blocks; block++) add_block_tangent(S, block, f);
     for (int i = 0; i < 3 * S->g; i++) {
-        zero(S->direction, r); /* free until the direction is made */
-        add_product(J, S->B + (size_t)i * m, S->direction, r, m);
+        zero(product, wide);
+        add_transposed(J, S->B + (size_t)i * m, product, m, wide);
         for (int a = 0; a < r; a++)
-            for (int b = 0; b <= a; b++)
-                H[a * r + b] += S->stiffness[i / 3] * S->direction[a] * S->direction[b];
+            for (int b = 0; b <= a; b++) H[a * wide + b] += S->stiffness[i / 3] * product[a] * product[b];
     }
+    for (int a = 0; a < r; a++) /* rows move forwards, never over what is still to be read */
+        for (int b = 0; b <= a; b++) H[a * r + b] = H[a * wide + b];
     for (int a = 0; a < r; a++)
         for (int b = 0; b < a; b++) H[b * r + a] = H[a * r + b];
 }
@@ -1089,6 +1335,17 @@ static int search(ldsim_solid *S, const double *z, double *features, double *f, 
     return 0;
 }
 
+/* By how much the gradient at z changes where every coordinate is moved by a rounding, N; f(z) is left in f. */
+static double rounding(ldsim_solid *S, const double *z, double *f)
+{
+    const int r = S->model->r;
+    for (int i = 0; i < r; i++) S->z_new[i] = z[i] * (i % 2 ? 1.0 + DBL_EPSILON : 1.0 - DBL_EPSILON);
+    value_gradient(S, S->z_new, f, S->gradient_new);
+    for (int i = 0; i < r; i++) S->gradient_new[i] -= S->gradient[i];
+    decode(S->model, z, S->hidden, f);
+    return norm(S->gradient_new, r);
+}
+
 /* H <- (1 - s y'/sy) H (1 - y s'/sy) + s s'/sy, if the curvature sy of the last pair is safely positive. */
 static void update(ldsim_solid *S, const double *z, double *H)
 {
@@ -1098,7 +1355,7 @@ static void update(ldsim_solid *S, const double *z, double *H)
     const double sy = dot(s, y, r);
     if (!(sy > 1e-14 * sqrt(dot(s, s, r) * dot(y, y, r)))) return;
     zero(Hy, r);
-    add_product(H, y, Hy, r, r);
+    add_transposed(H, y, Hy, r, r);
     /* expanded into two outer products, so that H is read and written once */
     const double scale = (1.0 + dot(y, Hy, r) / sy) / sy;
     for (int i = 0; i < r; i++) {
@@ -1129,20 +1386,26 @@ static solution minimise(ldsim_solid *S, const double *guess, double *z, double 
     for (; found.iterations < (int)M->n.max_iterations; found.iterations++) {
         found.norm = norm(S->gradient, r);
         if (found.norm <= M->given.tolerance * fmax(norm(z, r), 1.0)) return found;
-        if (renew || found.iterations - (renewed_at > 0 ? renewed_at : 0) >= RENEWAL) {
+        const int overdue = found.iterations - (renewed_at > 0 ? renewed_at : 0) >= RENEWAL;
+        if (found.iterations > 0 && (renew || overdue)) {
+            /* a step that goes on for long: forces that cancel may leave nothing but their rounding */
+            found.evaluations++;
+            if (found.norm <= rounding(S, z, f)) return found;
+        }
+        if (renew || overdue) {
             tangent_at(S, z, f);
             invert(S->hessian, H, r); /* kept as it is where the tangent has no factor */
             renew = 0, renewed_at = found.iterations;
         }
         for (int i = 0; i < r; i++) S->Hy[i] = -S->gradient[i];
         zero(S->direction, r);
-        add_product(H, S->Hy, S->direction, r, r);
+        add_transposed(H, S->Hy, S->direction, r, r); /* H is symmetric */
         const double slope0 = dot(S->gradient, S->direction, r);
         if (!(slope0 < 0.0 && search(S, z, f, &found.value, slope0, &found.evaluations))) {
             /* with a fresh preconditioner there is nothing better to try; with an old one, that */
             if (renewed_at == found.iterations) {
-                decode(M, z, S->hidden, f);
-                found.reason = LDSIM_NO_DECREASE;
+                found.evaluations++;
+                if (!(found.norm <= rounding(S, z, f))) found.reason = LDSIM_NO_DECREASE;
                 return found;
             }
             renew = 1;
@@ -1158,42 +1421,66 @@ static solution minimise(ldsim_solid *S, const double *guess, double *z, double 
 
 /* ---- Compliance: what a force moves beside the coordinates of a condensed model ---------------------------------------- */
 
-/* x = K^-1 f less what the coordinates carry, (3 n,) both; f is zero at pins, and free memory afterwards. */
-static void residual(ldsim_solid *S, double *f, double *x)
+static int all_zero(const double *x, size_t n)
 {
-    const ldsim_model *M = S->model;
-    const size_t n3 = 3 * (size_t)M->n.vertices;
-    double *packed = S->solve, *work = packed + 3 * (size_t)M->n.free_vertices;
-    for (uint32_t i = 0; i < M->n.free_vertices; i++) copy(packed + 3 * (size_t)i, f + 3 * (size_t)M->order[i], 3);
-    /* Down the supernodes with L, up again with L'. Of each, the inverse of its triangle stands column by column before
-     * the block of the rows below it. */
+    size_t i = 0;
+    while (i < n && x[i] == 0.0) i++;
+    return i == n;
+}
+
+/* K^-1 of four vectors, (3 f, 4), in place. Down the supernodes with L, up again with L'. Of each, the inverse of its
+ * triangle stands column by column before the block of the rows below it. */
+static void solve(const ldsim_model *M, double *packed, double *work)
+{
     const double *values = M->factor;
     for (uint32_t s = 0; s < M->n.supernodes; s++) {
         const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
-        double *y = packed + 3 * (size_t)M->first[s];
-        zero(work, (size_t)c + r);
-        add_transposed(values, y, work, c, c);
-        copy(y, work, c);
-        add_transposed(values + (size_t)c * c, y, work + c, c, r);
-        for (int i = 0; i < r; i++) packed[3 * (size_t)M->front_rows[M->row_start[s] + i / 3] + i % 3] -= work[c + i];
-        values += (size_t)c * (c + r);
+        const double *triangle = values, *block = triangle + (size_t)c * c;
+        double *y = packed + 12 * (size_t)M->first[s];
+        values = block + (size_t)c * r;
+        if (all_zero(y, 4 * (size_t)c)) continue; /* what a force does not reach */
+        zero(work, 4 * ((size_t)c + r));
+        add_gram(triangle, c, y, work, c, c, 4, 0);
+        copy(y, work, 4 * (size_t)c);
+        add_gram(block, r, y, work + 4 * (size_t)c, c, r, 4, 0);
+        for (int i = 0; i < 4 * r; i++)
+            packed[12 * (size_t)M->front_rows[M->row_start[s] + i / 12] + i % 12] -= work[4 * (size_t)c + i];
     }
     for (uint32_t s = M->n.supernodes; s-- > 0;) {
         const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
-        double *y = packed + 3 * (size_t)M->first[s];
+        double *y = packed + 12 * (size_t)M->first[s], *below = work + 4 * (size_t)c;
         values -= (size_t)c * (c + r);
-        for (int i = 0; i < r; i++) work[c + i] = packed[3 * (size_t)M->front_rows[M->row_start[s] + i / 3] + i % 3];
-        zero(work, c);
-        add_product(values + (size_t)c * c, work + c, work, c, r);
-        for (int i = 0; i < c; i++) y[i] -= work[i];
-        zero(work, c);
-        add_product(values, y, work, c, c);
-        copy(y, work, c);
+        for (int i = 0; i < r / 3; i++)
+            copy(below + 12 * (size_t)i, packed + 12 * (size_t)M->front_rows[M->row_start[s] + i], 12);
+        zero(work, 4 * (size_t)c);
+        add_products(values + (size_t)c * c, below, work, c, r);
+        for (int i = 0; i < 4 * c; i++) y[i] -= work[i];
+        zero(work, 4 * (size_t)c);
+        add_products(values, y, work, c, c);
+        copy(y, work, 4 * (size_t)c);
     }
-    zero(x, n3);
-    for (uint32_t i = 0; i < M->n.free_vertices; i++) copy(x + 3 * (size_t)M->order[i], packed + 3 * (size_t)i, 3);
-    for (int a = 0; a < M->r; a++) S->Hy[a] = -dot(M->rows + (size_t)a * n3, x, (int)n3);
-    add_transposed(M->tangents, S->Hy, x, M->r, (int)n3);
+}
+
+/* What a unit force along each axis, shared out among some vertices, moves beside the coordinates: field (n, 3, 3). */
+static void residual(ldsim_solid *S, const grab *own, double *field)
+{
+    const ldsim_model *M = S->model;
+    const size_t free_count = M->n.free_vertices, n3 = 3 * (size_t)M->n.vertices;
+    double *packed = S->solve, *work = packed + 12 * free_count, *x = work + 12 * (size_t)M->largest_front;
+    double *carried = x + 4 * n3;
+    zero(x, 4 * n3);
+    for (uint32_t i = 0; i < own->count; i++)
+        for (int axis = 0; axis < 3 && M->movable[own->vertices[i]]; axis++)
+            x[12 * (size_t)own->vertices[i] + 5 * axis] = 1.0 / own->count;
+    for (size_t i = 0; i < free_count; i++) copy(packed + 12 * i, x + 12 * (size_t)M->order[i], 12);
+    solve(M, packed, work);
+    zero(x, 4 * n3);
+    for (size_t i = 0; i < free_count; i++) copy(x + 12 * (size_t)M->order[i], packed + 12 * i, 12);
+    zero(carried, 4 * (size_t)M->r);
+    add_products(M->rows, x, carried, M->r, (int)n3);
+    for (int i = 0; i < 4 * M->r; i++) carried[i] = -carried[i];
+    add_gram(M->tangents, (int)n3, carried, x, M->r, (int)n3, 4, 0);
+    for (size_t e = 0; e < n3; e++) copy(field + 3 * e, x + 4 * e, 3);
 }
 
 /* out (3, 3) += the mean over the vertices of one grab of the field of another. */
@@ -1208,17 +1495,8 @@ static double *pair_of(const ldsim_solid *S, int i, int j) { return S->complianc
 /* What a unit force along each axis of grab i moves: everywhere, and the centroids of all grabs. */
 static void find_field(ldsim_solid *S, int i)
 {
-    const ldsim_model *M = S->model;
-    const uint32_t n = M->n.vertices;
     grab *own = S->grabs + i;
-    for (int axis = 0; axis < 3; axis++) {
-        double *f = S->positions, *x = S->solve + 3 * ((size_t)M->n.free_vertices + M->largest_front);
-        zero(f, 3 * (size_t)n);
-        for (uint32_t j = 0; j < own->count; j++)
-            if (M->movable[own->vertices[j]]) f[3 * (size_t)own->vertices[j] + axis] = 1.0 / own->count;
-        residual(S, f, x);
-        for (size_t e = 0; e < 3 * (size_t)n; e++) own->field[3 * e + axis] = x[e];
-    }
+    residual(S, own, own->field);
     for (int j = 0; j < S->max_grabs; j++) {
         if (S->grabs[j].id == 0) continue;
         double *ij = pair_of(S, i, j), *ji = pair_of(S, j, i);
@@ -1488,10 +1766,8 @@ int ldsim_move_pins(ldsim_solid *S, uint32_t support, const double map[12])
 static int out_of_bounds(ldsim_solid *S, const moment *at)
 {
     const ldsim_model *M = S->model;
-    double total = 0.0;
-    for (int j = 0; j < M->m; j++)
-        total += at->f[j] * (M->n.full_inertia ? dot(M->inertia + (size_t)j * M->m, at->f, M->m)
-                                               : M->inertia[j] * at->f[j]);
+    multiply_inertia(M, at->f, S->pull);
+    const double total = dot(at->f, S->pull, M->m);
     return !(M->given.time_step * sqrt(total / M->given.mass) <= BOUND * M->given.diagonal);
 }
 
@@ -1501,19 +1777,32 @@ static void identity(double *H, int r)
     for (int i = 0; i < r; i++) H[i * r + i] = 1.0;
 }
 
+/* The strain of moved pins in a block. */
+static void lift(ldsim_solid *S, int block)
+{
+    const ldsim_model *M = S->model;
+    const int start = (int)M->block_first[block], stop = block + 1 < M->blocks ? (int)M->block_first[block + 1] : M->points;
+    for (int s = start; s < stop; s++)
+        for (int e = 0; e < 9; e++)
+            S->lifted[(size_t)block * BLOCK + e * LANES + s - start] =
+                dot(M->lifted_strain + (e * (size_t)M->points + s) * M->moved, S->pins, M->moved);
+}
+
 /* One step of implicit Euler from one moment to another. */
 static solution try_step(ldsim_solid *S, const moment *from, moment *to)
 {
     const ldsim_model *M = S->model;
     const int r = M->r, m = M->m, l = M->moved;
-    copy(S->force, M->load, m);
-    add_product(M->unit_weight, S->gravity, S->force, m, 3);
+    if (memcmp(S->weighed, S->gravity, sizeof S->weighed) != 0) {
+        copy(S->weight, M->load, m), copy(S->weighed, S->gravity, 3);
+        add_product(M->unit_weight, S->gravity, S->weight, m, 3);
+    }
+    copy(S->force, S->weight, m);
     if (l) {
         double *change = S->scratch;
         for (int j = 0; j < l; j++) change[j] = -(S->pins[j] - 2.0 * from->a[j] + from->a_before[j]);
         add_product(M->lifted_inertia, change, S->force, m, l);
-        zero(S->lifted, 9 * M->points);
-        add_product(M->lifted_strain, S->pins, S->lifted, 9 * M->points, l);
+        for (int block = 0; block < M->blocks; block++) lift(S, block);
         for (int i = 0; i < 3 * S->g; i++) {
             const grab *g = S->grabs + S->order[i / 3];
             S->centre[i] = g->centre[i % 3] + dot(g->lifted + (i % 3) * l, S->pins, l);
@@ -1617,7 +1906,7 @@ static void lay_out_moment(const ldsim_model *M, moment *x, double **at, size_t 
 static size_t lay_out(ldsim_solid *S, double *block)
 {
     const ldsim_model *M = S->model;
-    const size_t r = M->r, m = M->m, c = M->points, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
+    const size_t r = M->r, m = M->m, wide = M->wide, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
     const size_t condensed = M->n.condensed, work = 2 * (size_t)M->hidden + l;
     size_t total = 0;
     double **at = &block;
@@ -1634,16 +1923,18 @@ static size_t lay_out(ldsim_solid *S, double *block)
     S->B = cut(at, &total, rows * m), S->centre = cut(at, &total, rows), S->target = cut(at, &total, rows);
     S->stiffness = cut(at, &total, most), S->root = cut(at, &total, rows * rows);
     S->joint = cut(at, &total, rows * rows), S->inverse = cut(at, &total, rows * m);
-    S->force = cut(at, &total, m), S->lifted = cut(at, &total, l ? 9 * c : 0);
+    S->force = cut(at, &total, m), S->lifted = cut(at, &total, l ? BLOCK * (size_t)M->blocks : 0);
+    S->weight = cut(at, &total, m);
     S->hidden = cut(at, &total, M->hidden), S->scratch = cut(at, &total, work);
     S->predictor = cut(at, &total, m), S->offset = cut(at, &total, m), S->pull = cut(at, &total, m);
-    S->product = cut(at, &total, m), S->strain = cut(at, &total, 9 * c), S->jacobian = cut(at, &total, r * m);
+    S->product = cut(at, &total, m * wide), S->lanes = cut(at, &total, LANES * (size_t)M->n.mapped);
+    S->jacobian = cut(at, &total, m * wide), S->tangents = cut(at, &total, wide * M->hidden);
     S->gradient = cut(at, &total, r), S->gradient_new = cut(at, &total, r), S->direction = cut(at, &total, r);
     S->z_new = cut(at, &total, r), S->s = cut(at, &total, r), S->y = cut(at, &total, r), S->Hy = cut(at, &total, r);
-    S->hessian = cut(at, &total, r * r);
-    S->turned = cut(at, &total, 9 * POINTS_AT_ONCE * r), S->stressed = cut(at, &total, 9 * POINTS_AT_ONCE * r);
+    S->hessian = cut(at, &total, r * wide);
+    S->turned = cut(at, &total, BLOCK * wide), S->stressed = cut(at, &total, BLOCK * wide);
     S->positions = cut(at, &total, 3 * n);
-    S->solve = cut(at, &total, condensed * 3 * ((size_t)M->n.free_vertices + M->largest_front + n));
+    S->solve = cut(at, &total, condensed * (12 * ((size_t)M->n.free_vertices + M->largest_front + n) + 4 * r));
     return total;
 }
 
@@ -1660,6 +1951,7 @@ int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid)
     lay_out(*solid, (double *)(void *)((unsigned char *)*solid + head));
     (*solid)->next_id = 1, (*solid)->scale = 1.0;
     copy((*solid)->gravity, model->given.gravity, 3);
+    (*solid)->weighed[0] = (double)NAN; /* nothing was weighed yet */
     ldsim_reset(*solid);
     return LDSIM_OK;
 }

@@ -20,7 +20,7 @@ from ldsim.optimise.solution import Reason
 from ldsim.runtime import source
 
 SOURCES = ("ldsim.c", "ldsim.h")
-OPTIMISED = ("-O3", "-fno-math-errno")
+OPTIMISED = ("-O3", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 
 
 class _Info(ctypes.Structure):

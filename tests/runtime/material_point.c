@@ -3,14 +3,15 @@
 
 double energy_stress(int kind, const double *F, double mu, double lambda, double *P)
 {
-    double strain[9], one = 1.0;
-    for (int e = 0; e < 9; e++) strain[e] = F[e] - (e % 4 == 0);
-    const double energy = kind == NEO_HOOKEAN          ? sum_neo_hookean(0, 1, 1, strain, &one, &mu, &lambda, 1.0)
-                          : kind == STABLE_NEO_HOOKEAN ? sum_stable_neo_hookean(0, 1, 1, strain, &one, &mu, &lambda, 1.0)
-                          : kind == ST_VENANT_KIRCHHOFF ? sum_st_venant_kirchhoff(0, 1, 1, strain, &one, &mu, &lambda, 1.0)
-                          : kind == FIXED_COROTATED    ? sum_fixed_corotated(0, 1, 1, strain, &one, &mu, &lambda, 1.0)
-                                                       : sum_linear_elastic(0, 1, 1, strain, &one, &mu, &lambda, 1.0);
-    for (int e = 0; e < 9; e++) P[e] = strain[e];
+    double (*const sums[])(double *restrict, const double *restrict, const double *restrict, const double *restrict,
+                           double) = {sum_neo_hookean, sum_stable_neo_hookean, sum_st_venant_kirchhoff,
+                                      sum_fixed_corotated, sum_linear_elastic};
+    double strain[BLOCK] = {0.0}, w[LANES] = {0.0}, m[LANES], l[LANES];
+    for (int s = 0; s < LANES; s++) m[s] = mu, l[s] = lambda;
+    w[1] = 1.0; /* one point among others without weight */
+    for (int e = 0; e < 9; e++) strain[e * LANES + 1] = F[e] - (e % 4 == 0);
+    const double energy = sums[kind](strain, w, m, l, 1.0);
+    for (int e = 0; e < 9; e++) P[e] = strain[e * LANES + 1];
     return energy;
 }
 
