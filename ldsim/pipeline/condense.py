@@ -30,8 +30,8 @@ from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 
-# Where r is left out: columns of the basis are ordered, and more of them cost little.
-COORDINATES = 16
+# Where r is left out: more coordinates are better only with more samples than are relaxed by default.
+COORDINATES = 12
 # A round's own runs: pulls, and the tolerance of their steps as a share of the largest rest force of a coordinate.
 PULLS, TOLERANCE = 100, 4e-3
 # Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
