@@ -263,12 +263,15 @@ class Run:
 
     @property
     def chosen(self) -> str:
-        """The space that simulate found to be the one to use for this solid; latent where it has not run since."""
-        try:
-            header = self.header("simulation")
-            fits = header.inputs.get("cubature") == self.hash("cubature")
-        except ArtefactError:
+        """The space that simulate found to be the one to use for this solid; latent where it has not run since.
+
+        Raises:
+            ArtefactError: what simulate found is damaged.
+        """
+        if not self.path("simulation").is_file():
             return "latent"
+        header = self.header("simulation")
+        fits = header.inputs.get("cubature") == self.hash("cubature")
         return str(header.notes.get("space", "latent")) if fits else "latent"
 
     @property

@@ -190,7 +190,7 @@ def origin(
         "machine": {key: value for key, value in described.items() if key != "versions"},
         "versions": described["versions"],
         "command": command,
-        "commit": _commit(),
+        "commit": checked_out(),
         "created": created or datetime.now(UTC).isoformat(timespec="seconds"),
         "inputs": input_hashes(inputs),
     }
@@ -227,7 +227,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def _commit() -> str | None:
+def checked_out() -> str | None:
     """What is checked out; null outside of a repository."""
     command = ["git", "describe", "--always", "--abbrev=12", "--dirty"]
     try:

@@ -35,7 +35,7 @@ from reproduction.faults.artefacts import FORMATS, Found, artefacts, checkpoints
 from reproduction.faults.bench import EXPERIMENTS, Bench
 from reproduction.faults.kills import kills
 from reproduction.faults.texts import configurations, files
-from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, checked_out, parser, row, show, write_results
 
 FOLDER, NAME = "faults", "campaign"
 # Steps of a trial of violent loads, and the most seconds of one in the full space.
@@ -91,6 +91,7 @@ class Progress:
         self.done, self.seconds = int(kept.get("done", 0)), float(kept.get("seconds", 0.0))
         self.counts = {name: Counter(found) for name, found in kept.get("counts", {}).items()}
         self.found: list[str] = kept.get("found", [])
+        self.commits = Counter(kept.get("commits", {}))
 
     def add(self, found: Found) -> None:
         """Count one trial, and print what it found."""
@@ -110,11 +111,12 @@ class Progress:
 
 def run_attack(bench: Bench, attack: str, given: Attack, seed: int) -> None:
     """All trials of an attack that were not done yet."""
-    progress = Progress(bench.folder / "progress" / f"{attack}-{seed}.json")
+    progress, commit = Progress(bench.folder / "progress" / f"{attack}-{seed}.json"), checked_out() or "none"
     with tqdm(total=given.trials or None, initial=progress.done, desc=attack, mininterval=30) as bar:
         while progress.done < given.trials or progress.seconds < given.seconds:
             rng = np.random.default_rng((seed, zlib.crc32(attack.encode()), progress.done))
             progress.add(given.trial(bench, rng))
+            progress.commits[commit] += 1
             progress.save()
             bar.update()
 
@@ -130,6 +132,8 @@ def rows(folder: Path) -> list[Row]:
             others = sorted(set(counts) - set(FAULTS))
             found += [row("small and condensed", f"{name}, {kind}", counts[kind]) for kind in others]
             found += [row("small and condensed", f"{name}, {kind}", counts[kind], goal="0") for kind in FAULTS]
+        for commit, trials in sum((each.commits for each in done), Counter[str]()).items():
+            found.append(row("small and condensed", f"{attack}, trials of commit {commit}", trials))
         if done:
             found.append(row("small and condensed", f"{attack}, time", round(sum(each.seconds for each in done)), "s"))
     return found

@@ -275,3 +275,12 @@ def test_settings_of_a_header_that_are_none_are_refused(case: str) -> None:
 def test_files_of_a_header_that_are_none_have_changed() -> None:
     for text in ("{", "[1]", "1", '{"a": '):
         assert _changed_files(text, "{}") == ["files"]
+
+
+def test_a_damaged_simulation_is_not_taken_for_none(playable: Path, tmp_path: Path) -> None:
+    """Found by the campaign: `ldsim export` took another space than simulate had chosen, without a word."""
+    shutil.copytree(playable, tmp_path, dirs_exist_ok=True)
+    assert Run(tmp_path, "playable").chosen == "latent"
+    (tmp_path / "simulation.h5").write_bytes(b"damaged")
+    with pytest.raises(ArtefactError, match="simulation.h5"):
+        _ = Run(tmp_path, "playable").chosen
