@@ -18,6 +18,7 @@ from ldsim.errors import SettingsError, SolverError
 from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.random_pulls import covering_pulls
+from ldsim.pipeline.coordinates import needed_coordinates
 from ldsim.pipeline.progress import Progress
 from ldsim.pipeline.relaxed_poses import Frames, Piece, Poses, relaxed_pieces
 from ldsim.run import Run
@@ -30,8 +31,6 @@ from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 
-# Where r is left out: columns of the basis are ordered, and more of them cost little.
-COORDINATES = 16
 # A round's own runs: pulls, and the tolerance of their steps as a share of the largest rest force of a coordinate.
 PULLS, TOLERANCE = 100, 4e-3
 # Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
@@ -52,10 +51,8 @@ def condensed_model(
             product than the mass.
         SolverError: r is larger than the basis, or too few poses have an equilibrium.
     """
-    r = COORDINATES if options.r is None else options.r
-    if options.r is None:
-        r = min(r, run.basis.k)
-    _refuse(run, r)
+    _refuse(run, 1 if options.r is None else options.r)
+    r = needed_coordinates(run, progress) if options.r is None else options.r
     work = _Work(run, Relaxation(run.scene, run.basis.columns(r)), options, progress)
     work.relax("relaxed", q[:, :r], displacement, options.condensed.poses)
     for number in range(options.condensed.rounds):
@@ -91,7 +88,9 @@ class _Work:
     def explore(self, number: int) -> None:
         """Run what can be fitted so far under loads like those of the motions, and relax poses that it comes to."""
         have, count = self.z, self.options.condensed.explored
-        digest = hashlib.sha256(have.tobytes() + repr((number, self.options)).encode()).hexdigest()
+        # who asks for more rounds goes on from these
+        options = self.options.replace(condensed=self.options.condensed.replace(rounds=0))
+        digest = hashlib.sha256(have.tobytes() + repr((number, options)).encode()).hexdigest()
         store = TrainingStore(self.partial, f"explored{number}", digest)
         kept = store.load()
         if kept is None:

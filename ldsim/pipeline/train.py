@@ -29,10 +29,15 @@ Array = NDArray[np.float64]
 NO_VALIDATION = "warning: no motion has the role validation, so choices and thresholds rest on the training motions"
 
 
-def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress = SILENT) -> StoredModel:
+def train(
+    run: Run, options: TrainOptions = TrainOptions(), progress: Progress = SILENT, keep: bool = False
+) -> StoredModel:
     """Train the autoencoder of a run that has its basis, and write model.h5.
 
     What was interrupted goes on where it was, and ends as if it had not been, when it is called with the same options.
+
+    Args:
+        keep: whether relaxed poses stay on disk, for a call that asks for more of them.
 
     Raises:
         ArtefactError: scene, snapshots or basis are missing or do not fit each other.
@@ -46,7 +51,7 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
         if options.kind == "condensed":
             every = np.concatenate([q, synthetic])
             model = condensed_model(run, every, len(q), _poses(run, every).displacement, options, progress)
-            return _write(run, stage, model, options, {})
+            return _write(run, stage, model, options, {}, keep)
         with progress.bar("train", None, "epoch") as bar:
             every, forces, term = np.concatenate([q, synthetic]), None, options.equilibrium
             if term is not None:
@@ -58,14 +63,17 @@ def train(run: Run, options: TrainOptions = TrainOptions(), progress: Progress =
     if len(unseen) == 0:
         progress.tell(NO_VALIDATION)
     model = _stored(run, examples, unseen, found, errors)
-    return _write(run, stage, model, options, {"met": int(found.met)})
+    return _write(run, stage, model, options, {"met": int(found.met)}, keep)
 
 
-def _write(run: Run, stage: Stage, model: StoredModel, options: TrainOptions, notes: dict[str, int]) -> StoredModel:
-    """Write model.h5, and remove what an interrupted run would have gone on from."""
+def _write(
+    run: Run, stage: Stage, model: StoredModel, options: TrainOptions, notes: dict[str, int], keep: bool
+) -> StoredModel:
+    """Write model.h5, and remove what an interrupted run would have gone on from, unless it is to be kept."""
     header = stage.header("model", ("snapshots", "basis"), options.seed, activation=options.activation, **notes)
     write_model(run.path("model"), header, model)
-    remove_checkpoints(run.folder / "model.partial")
+    if not keep:
+        remove_checkpoints(run.folder / "model.partial")
     run.written("model")
     return model
 

@@ -15,6 +15,7 @@ from ldsim.artefacts.store import STAGE_OF, WRITTEN_BY
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.pipeline.comparison import stretch
+from ldsim.pipeline.convergence import read_rounds
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.statement import about, bound, sentence
 from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
@@ -27,6 +28,7 @@ from ldsim.report.schema import (
     Dimensions,
     ForceErrors,
     FrontierRun,
+    LearningRound,
     MachineDescription,
     MadeFrom,
     MeshSize,
@@ -89,6 +91,7 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
         frontier=_frontier(run),
         speedup=_speedups(run),
         statement=_statement(run),
+        rounds=[LearningRound(**each.model_dump()) for each in read_rounds(run.folder)],
         made_from=MadeFrom(settings=options.dump(), inputs=_inputs(run)),
         stages=_stages(run, own_cost),
         warnings=[],

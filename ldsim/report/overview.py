@@ -58,16 +58,26 @@ def read_first(numbers: RunNumbers) -> list[str]:
     return [*(f"warning: {text}" for text in numbers.warnings), *numbers.advice, *turn]
 
 
-def missed(folder: Path, percent: float) -> str | None:
-    """What is to be said where the stated error of the latent space is not known, or larger than was asked for."""
-    numbers = report_of(folder)
-    if numbers is None or numbers.statement is None:
-        return "no error is stated: set simulate.statement, which says of what motions"
-    found = numbers.statement.latent.error
-    if found is not None and 100 * found <= percent:
-        return None
-    reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
-    return f"{reached}, asked were {percent:g} %; the report says what to turn"
+def missed(folder: Path, percent: float | None = None, microseconds: float | None = None) -> list[str]:
+    """What is to be said where the stated error or a step of the latent space is not known, or not as asked for."""
+    numbers, words = report_of(folder), []
+    if percent is not None:
+        found = numbers.statement.latent.error if numbers is not None and numbers.statement is not None else None
+        if numbers is None or numbers.statement is None:
+            words.append("no error is stated: set simulate.statement, which says of what motions")
+        elif found is None or 100 * found > percent:
+            reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
+            words.append(f"{reached}, asked were {percent:g} %; the report says what to turn")
+    if microseconds is not None:
+        run = None if numbers is None else numbers.headline_runs().get("latent")
+        if run is None or run.median_step_ms is None:
+            words.append("no time of a step is known: run all stages")
+        elif 1000 * run.median_step_ms > microseconds:
+            words.append(
+                f"a step takes {1000 * run.median_step_ms:.3g} µs, asked were {microseconds:g}; fewer of "
+                "train.hidden, train.condensed.points and train.r make it faster"
+            )
+    return words
 
 
 def page_of(folder: Path) -> Path:

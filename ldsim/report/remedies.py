@@ -19,6 +19,8 @@ from ldsim.space.options import PcaOptions
 POOR = 0.03
 # The loss still falls when a tenth of the epochs lowers it so; it learns by heart when the validation loss is so large.
 FALLING, BY_HEART = 0.95, 10.0
+# An error that is stated of fresh motions is bad beyond this.
+STATED = 0.05
 # A windowed error so much smaller says that the whole one is drift.
 DRIFT = 3.0
 
@@ -50,6 +52,14 @@ class Facts:
         runs = [run for run in self.numbers.simulate.latent if (run.role == "train") == training]
         worst = max(runs, key=relative, default=None)
         return worst if worst is not None and relative(worst) > LARGE_ONLINE_ERROR else None
+
+    @property
+    def stated(self) -> float:
+        """The error that is stated of fresh motions, infinite where they were lost; none where nothing is stated."""
+        statement = self.numbers.statement
+        if statement is None:
+            return 0.0
+        return np.inf if statement.latent.error is None else statement.latent.error
 
     def poor(self, method: str) -> bool:
         """Whether a space cannot hold the training poses: what it leaves is a fair share of what the motions move."""
@@ -97,19 +107,22 @@ def _network_too_small(facts: Facts) -> str | None:
 
 def _unseen(facts: Facts) -> str | None:
     """Bad on what it has not seen, and good on what it has."""
-    if facts.bad(training=False) is None or facts.bad(training=True) is not None or facts.poor("autoencoder"):
+    unseen = facts.bad(training=False) is not None or facts.stated > STATED
+    if not unseen or facts.bad(training=True) is not None or facts.poor("autoencoder"):
         return None
+    if facts.train.kind == "condensed":
+        rounds = facts.train.condensed.rounds
+        return (
+            "The motions that it learned from do not show what the others do: let it learn from more of its own runs, "
+            f"set train.condensed.rounds to {rounds + 2} (now {rounds}), or `ldsim make CONFIG --error 5%`, which goes "
+            f"on until that holds; {facts.cost('train')}."
+        )
     snapshot = facts.numbers.stages.get("snapshot")
     seconds = snapshot.seconds if snapshot is not None and snapshot.seconds else 0.0
-    more = (
-        f"train.condensed.poses to {2 * facts.train.condensed.poses} (now {facts.train.condensed.poses}), if there are "
-        "frames enough"
-        if facts.train.kind == "condensed"
-        else "pca.synthetic, which makes many more at little cost"
-    )
     return (
         "The training motions do not show what the others do: add a motion of role train like them, with another seed, "
-        f"to snapshot.motions (as many pulls again take {_duration(seconds)}); then set {more}; {facts.cost('pca')}."
+        f"to snapshot.motions (as many pulls again take {_duration(seconds)}); then set pca.synthetic, which makes "
+        f"many more at little cost; {facts.cost('pca')}."
     )
 
 

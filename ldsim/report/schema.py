@@ -212,6 +212,15 @@ class Statement(ReportSection):
     linear: StatementBound
 
 
+class LearningRound(ReportSection):
+    """A round of `ldsim make --error`."""
+
+    error: Annotated[Number, _about("largest online error of a pull of the validation motions; null: lost")]
+    pulls: Count
+    seconds: Number
+    changed: Annotated[str, _about("settings that were extended after it; empty where none were")]
+
+
 class MadeFrom(ReportSection):
     """What the report tells of: `ldsim make` compares it with what is there."""
 
@@ -241,6 +250,7 @@ class RunNumbers(ReportSection):
     frontier: Annotated[list[FrontierRun], _about("every reduced space on every motion")]
     speedup: Speedups
     statement: Statement | None
+    rounds: Annotated[list[LearningRound], _about("how the error that was asked for was come to; empty: none was")]
     made_from: MadeFrom
     stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
     warnings: list[str]

@@ -28,7 +28,8 @@ SOFT, SINKS, SAGS, BEARS = 1e5, 0.1, 0.05, 2.0
 REACH, STRAIN = 0.25, 0.5
 # Frames of the slowest oscillation, and the longest of them that still looks smooth, s.
 FRAMES, SMOOTH = 40, 1 / 60
-LEAST_R, MOST_R, COLUMNS = 16, 24, 40
+# Of the linear basis; a condensed space takes its coordinates from the first of them.
+COLUMNS = 40
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,6 @@ def reach_of_pulls(solid: Solid) -> float:
 def time_step(solid: Solid) -> float:
     """A fortieth of its slowest oscillation, s."""
     return rounded(min(solid.period / FRAMES, SMOOTH))
-
-
-def coordinates(solid: Solid, step: float) -> int:
-    """r: as many as it has frequencies slower than a time step, for the faster ones follow at once."""
-    slow = int((solid.frequencies < 1 / (2 * math.pi * step)).sum())
-    return min(max(slow, LEAST_R), MOST_R)
 
 
 def rounded(value: float, up: bool = False) -> float:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 
@@ -123,11 +124,18 @@ class Staleness:
         return self._hashes[kind]
 
 
-def make(config: Path, runs: Path, until: str, say: Callable[[str], object]) -> dict[str, str]:
+def make(
+    config: Path,
+    runs: Path,
+    until: str,
+    say: Callable[[str], object],
+    flags: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> dict[str, str]:
     """Run what is missing or stale, up to a stage, each in a process of its own, so that its memory and times are its.
 
     Args:
         say: told of each stage that runs, and why.
+        flags: further arguments of some stages.
 
     Returns:
         The stages that ran, with the reason.
@@ -145,7 +153,7 @@ def make(config: Path, runs: Path, until: str, say: Callable[[str], object]) -> 
                 continue
             reason = next(iter(reasons.values()))
             say(f"{stage}: {reason}")
-            command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs)]
+            command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs), *flags.get(stage, ())]
             status = subprocess.run(command, check=False).returncode
             if status not in (0, MISSED):
                 raise StageFailed(stage, status)

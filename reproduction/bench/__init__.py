@@ -1,0 +1,1 @@
+"""Measured comparisons, a module each; results go to reproduction/results/."""

@@ -1,0 +1,1 @@
+"""What the program does with spoilt files, kills and pages that misbehave."""

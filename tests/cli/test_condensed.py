@@ -17,6 +17,8 @@ from ldsim.export.arrays import model_arrays
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline import condense, relaxed_poses
+from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
+from ldsim.pipeline.convergence import pull_errors
 from ldsim.pipeline.progress import SILENT
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
@@ -55,6 +57,20 @@ def test_its_coordinates_are_those_of_the_basis_and_its_rest_is_exact(condensed:
         # what is slaved is orthogonal to the coordinates, so that every decoded pose has the z it was decoded from
         poses = space.displacement(space.decoder(z))
         np.testing.assert_allclose(run.basis.project(poses)[:, :3], z, atol=1e-9 * np.abs(z).max())
+
+
+def test_it_is_judged_pull_by_pull_on_motions_that_are_kept_aside(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        (name,) = run.snapshots.with_role("validation")
+        recorded, rule = run.snapshots.recorded(name), run.model.potential
+        assert rule is not None
+        space = run.space("latent").with_rule(rule)
+        reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
+        played = run_reduced(ReducedStepper(space, run.reduced_options), reference)
+        whole = with_errors(played, played, space, reference).relative_error
+        errors = pull_errors(run)
+    assert whole is not None and len(errors) == len(recorded.motion.drags)
+    assert errors.min() * 0.999 <= whole <= errors.max() * 1.001
 
 
 def test_it_stands_beside_the_linear_space_of_as_many_coordinates(condensed: Experiment) -> None:

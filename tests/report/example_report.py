@@ -68,6 +68,10 @@ def example_report() -> dict[str, Any]:
             "latent": {"error": 0.0463, "median": 0.0214, "lost": 0},
             "linear": {"error": 0.0474, "median": 0.0225, "lost": 2},
         },
+        "rounds": [
+            {"error": None, "pulls": 11, "seconds": 131.5, "changed": "train.condensed.rounds 4"},
+            {"error": 0.0437, "pulls": 11, "seconds": 118.2, "changed": ""},
+        ],
         "made_from": {"settings": "pictures: 3\n", "inputs": {"scene": "b1946ac9", "model": "591785b7"}},
         "stages": {
             "mesh": {"seconds": 1.92, "peak_memory_mb": 412.3},

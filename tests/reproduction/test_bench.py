@@ -20,7 +20,7 @@ from reproduction.harness import called, row, write_results
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
     *("batched", "browser", "condensed", "cubature", "full_space", "pipeline", "released"),
-    *("runtime", "soak", "space", "step", "step_parts", "step_sizes"),
+    *("runtime", "soak", "solids", "space", "statement", "step", "step_parts", "step_sizes"),
 ]
 
 

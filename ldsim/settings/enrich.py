@@ -1,0 +1,126 @@
+"""`ldsim make --error`: learn until an error is held on motions that are never learned from, or time is up.
+
+A round makes the latent space, evaluates it on the validation motions, and extends what it learns from where it is not
+good enough (a weak greedy loop over a surrogate with `evaluate` and `extend`, as pyMOR has it). What it came to is an
+ordinary configuration beside the one that was given, which `ldsim make` takes in its place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.training import remove_checkpoints
+from ldsim.pipeline.convergence import Round, improved, pull_errors, write_rounds
+from ldsim.run import Run
+from ldsim.settings.experiment import Settings, load_settings
+from ldsim.settings.make import make
+
+# Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
+# else what is learned from does not show what the others do.
+POOR = 0.5
+# Rounds of own runs that are added at once, and the widest layers.
+MORE, WIDEST = 2, 128
+# What the stage train is told, so that poses that are relaxed stay for the next round.
+KEEP = {"train": ["--keep"]}
+
+
+class Enriched:
+    """The latent space of a configuration, made by the stages, and extended by settings.
+
+    Args:
+        make: runs the stages of a configuration up to one.
+    """
+
+    def __init__(self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object]) -> None:
+        self._given, self._runs, self._asked, self._make = config, runs, asked, make
+
+    def evaluate(self) -> tuple[float, int]:
+        """The largest error of a pull of the validation motions, once what is stale up to the model is made."""
+        config = current(self._given)
+        settings = load_settings(config)
+        self._make(config, "train" if settings.train.kind == "condensed" else "cubature")
+        with Run(self._runs / settings.experiment, settings.experiment) as run:
+            errors = pull_errors(run)
+        return float(errors.max()), len(errors)
+
+    def extend(self) -> str:
+        """Write the configuration of the next round beside the one that was given."""
+        settings = load_settings(current(self._given))
+        if settings.train.kind != "condensed":
+            return ""
+        with Run(self._runs / settings.experiment, settings.experiment) as run:
+            kept_back = float(run.model.loss[-1, 1])
+        changed, words = extended(settings, kept_back > POOR * self._asked)
+        write_enriched(self._given, changed)
+        return words
+
+
+def enrich(config: Path, runs: Path, asked: float, seconds: float, say: Callable[[str], object]) -> list[Round]:
+    """Learn until a relative error is held on the validation motions; the rounds lie beside the run for its report.
+
+    Args:
+        say: told of each stage that runs, and a line of each round.
+
+    Raises:
+        StageFailed: a stage ended with an error, which it has told.
+        SettingsError: no motion has the role validation.
+    """
+    surrogate, rounds = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP)), []
+    folder = runs / load_settings(config).experiment
+    for each in improved(surrogate, asked, seconds):
+        rounds.append(each)
+        say(each.line(len(rounds), asked))
+        write_rounds(folder, rounds)
+    remove_checkpoints(folder / "model.partial")
+    return rounds
+
+
+def extended(settings: Settings, poor_fit: bool) -> tuple[Settings, str]:
+    """A condensed space that learns more, and what is different.
+
+    Args:
+        poor_fit: whether it misses what it was fitted to, which more poses would not mend.
+    """
+    train = settings.train
+    condensed, widest = train.condensed, max(train.hidden)
+    if poor_fit and widest < WIDEST:
+        hidden = tuple(min(2 * width, WIDEST) for width in train.hidden)
+        counts = {"features": 2 * condensed.features, "points": 2 * condensed.points}
+        train = train.replace(hidden=hidden, condensed=condensed.replace(**counts))
+        words = f"train.hidden {list(hidden)}, " + ", ".join(f"condensed.{name} {n}" for name, n in counts.items())
+    else:
+        train = train.replace(condensed=condensed.replace(rounds=condensed.rounds + MORE))
+        words = f"train.condensed.rounds {condensed.rounds + MORE}"
+    return settings.replace(train=train), words
+
+
+def current(config: Path) -> Path:
+    """The configuration to make: what rounds came to, as long as the one that it was made from is the same."""
+    place = _enriched_of(config)
+    try:
+        first = place.read_text(encoding="utf-8").partition("\n")[0]
+    except OSError:
+        return config
+    return place if first == _heading(config) else config
+
+
+def write_enriched(config: Path, settings: Settings) -> Path:
+    """Write what a round came to beside a configuration."""
+    place = _enriched_of(config)
+    with replacing(place) as temporary:
+        temporary.write_text(f"{_heading(config)}\n{settings.dump(defaults=False)}", encoding="utf-8")
+    return place
+
+
+def _enriched_of(config: Path) -> Path:
+    return config.with_suffix(f".enriched{config.suffix}")
+
+
+def _heading(config: Path) -> str:
+    digest = hashlib.sha256(config.read_bytes()).hexdigest()
+    return (
+        f"# What `ldsim make --error` came to; used in the place of {config.name} while that has the SHA-256 {digest}"
+    )

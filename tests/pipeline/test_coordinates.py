@@ -1,0 +1,59 @@
+"""How many coordinates a condensed space needs: equilibria are relaxed poses, the least that is enough is found."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ldsim.arrays import Array
+from ldsim.dynamics.full.options import FullOptions
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
+from ldsim.pipeline import coordinates
+from ldsim.pipeline.coordinates import needed_coordinates, slaving_error
+from ldsim.pipeline.progress import SILENT
+from ldsim.space.relaxation import Relaxation
+from tests.space.test_relaxation import beam, modes
+
+BODY = beam()
+
+
+def equilibrium(pull: float, gravity: float = 0.0) -> tuple[Array, Loads]:
+    """A beam whose end is pulled sideways to a target so far away, metres, under some gravity, m/s²."""
+    end = np.flatnonzero(BODY.mesh.vertices[:, 0] > 0.29)
+    target = BODY.mesh.vertices[end].mean(axis=0) + pull * np.array([0.0, 1.0, 0.4])
+    loads = Loads((Grab(end, target, 200.0),), gravity=np.array([0.0, gravity, 0.0]))
+    stepper = FullStepper(BODY, FullOptions(tolerance=1e-10, quasistatic=True))
+    state, solution = stepper.step(stepper.rest(), loads)
+    assert solution.converged
+    return stepper.displacement(state), loads
+
+
+@pytest.mark.parametrize("r", [1, 3])
+def test_small_equilibria_are_relaxed_poses_of_however_few_coordinates(r: int) -> None:
+    """To first order what is slaved and its compliance are exact: u = T z + C f."""
+    frames = [equilibrium(1e-6), equilibrium(1e-6, gravity=1e-3)]
+    assert slaving_error(Relaxation(BODY, modes(BODY, r)), frames) < 1e-3
+
+
+def test_more_coordinates_hold_large_equilibria_better() -> None:
+    frames = [equilibrium(0.15), equilibrium(-0.1)]
+    errors = [slaving_error(Relaxation(BODY, modes(BODY, r)), frames) for r in (1, 4, 10)]
+    assert errors[0] > 0.01 and errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize(
+    ("least", "k", "found"), [(1, 40, 4), (9, 40, 10), (12, 40, 12), (90, 40, 12), (90, 7, 6), (1, 3, 3)]
+)
+def test_the_least_dimension_that_is_enough_is_found(
+    monkeypatch: pytest.MonkeyPatch, least: int, k: int, found: int
+) -> None:
+    monkeypatch.setattr(coordinates, "Relaxation", lambda scene, columns: columns)
+    monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
+    monkeypatch.setattr(coordinates, "slaving_error", lambda r, frames: 0.001 if r >= least else 0.1)
+    run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k, columns=lambda r: r))
+    assert needed_coordinates(run, SILENT) == found

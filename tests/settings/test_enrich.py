@@ -1,0 +1,150 @@
+"""`ldsim make --error`: rounds of evaluating and extending, and the configuration that they come to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ldsim.mechanics.motion import Drag, Motion
+from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
+from ldsim.settings import load_settings, settings_of
+from ldsim.settings.enrich import current, enrich, extended, write_enriched
+
+CONTENT = {
+    "experiment": "part",
+    "mesh": {
+        "shape": {"name": "beam"},
+        "material": {"youngs_modulus": 1e5},
+        "pins": [{"slab": {"axis": "x", "thickness": 0.01}}],
+    },
+    "snapshot": {"motions": [{"name": "a", "role": "train", "pulls": {"count": 1, "reach": 0.1}}]},
+    "train": {"kind": "condensed", "hidden": [32, 100], "condensed": {"rounds": 1, "points": 20, "features": 6}},
+}
+
+
+@dataclass
+class Made:
+    """Errors come one after another, each after some seconds; it can be extended a number of times."""
+
+    errors: list[float]
+    seconds: float = 10.0
+    more: int = 100
+    now: float = 0.0
+    asked: list[str] = field(default_factory=list)
+
+    def evaluate(self) -> tuple[float, int]:
+        self.now += self.seconds
+        self.asked.append("evaluate")
+        return self.errors[self.asked.count("evaluate") - 1], 5
+
+    def extend(self) -> str:
+        self.asked.append("extend")
+        self.more -= 1
+        return "more" if self.more >= 0 else ""
+
+
+def rounds(made: Made, asked: float, seconds: float = math.inf) -> list[Round]:
+    return list(improved(made, asked, seconds, lambda: made.now))
+
+
+def test_it_is_extended_until_the_error_is_held() -> None:
+    made = Made([0.2, 0.07, 0.05, 0.01])
+    assert [each.error for each in rounds(made, 0.05)] == [0.2, 0.07, 0.05]
+    assert made.asked == ["evaluate", "extend", "evaluate", "extend", "evaluate"]
+
+
+def test_what_holds_at_once_is_not_extended() -> None:
+    made = Made([0.01])
+    assert rounds(made, 0.05) == [Round(error=0.01, pulls=5, seconds=10.0, changed="")] and made.asked == ["evaluate"]
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(0.0, 1), (19.0, 1), (20.0, 2), (39.0, 3)])
+def test_no_round_is_begun_that_would_end_too_late(seconds: float, count: int) -> None:
+    assert len(rounds(Made(10 * [0.2]), 0.05, seconds)) == count
+
+
+def test_it_ends_where_nothing_is_left_to_extend() -> None:
+    found = rounds(Made([0.3, 0.2, 0.1], more=1), 0.05)
+    assert [each.changed for each in found] == ["more", ""]
+
+
+def test_a_model_that_is_lost_is_extended_and_said_to_be_lost() -> None:
+    found = rounds(Made([math.inf, 0.01]), 0.05)
+    assert [each.error for each in found] == [None, 0.01]
+    assert found[0].line(1, 0.05) == "round 1: lost on 5 pulls kept aside (asked 5 %), 10 s; next: more"
+
+
+def test_more_poses_where_it_fits_and_wider_layers_where_it_does_not() -> None:
+    settings = settings_of(CONTENT, "a test")
+    more, words = extended(settings, poor_fit=False)
+    assert more.train == settings.train.replace(condensed=settings.train.condensed.replace(rounds=3))
+    assert words == "train.condensed.rounds 3"
+    wider, words = extended(settings, poor_fit=True)
+    assert (wider.train.hidden, wider.train.condensed.points, wider.train.condensed.features) == ((64, 128), 40, 12)
+    assert "train.hidden [64, 128]" in words
+    widest, words = extended(wider, poor_fit=True)
+    assert widest.train.condensed.rounds == 3 and words == "train.condensed.rounds 3"
+
+
+def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_path: Path) -> None:
+    config = tmp_path / "part.yaml"
+    config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
+    assert current(config) == config
+    more, _ = extended(load_settings(config), poor_fit=False)
+    place = write_enriched(config, more)
+    assert place == tmp_path / "part.enriched.yaml" == current(config)
+    assert load_settings(place) == more
+    config.write_text(f"{config.read_text('utf-8')}# another comment\n", encoding="utf-8")
+    assert current(config) == config
+
+
+def test_rounds_are_read_as_they_were_written(tmp_path: Path) -> None:
+    assert read_rounds(tmp_path) == []
+    found = rounds(Made([math.inf, 0.2, 0.01]), 0.05)
+    write_rounds(tmp_path, found)
+    assert read_rounds(tmp_path) == found
+
+
+def test_errors_are_told_pull_by_pull_and_a_lost_one_is_infinite() -> None:
+    drags = tuple(Drag(start, np.zeros(3), np.zeros((2, 3)), 0.1, 1.0) for start in (0, 4, 8))
+    moved, distance = np.full(12, 2.0), np.repeat([0.2, 0.4, np.nan], 4)
+    np.testing.assert_allclose(by_pull(Motion("a", 12, drags), distance, moved), [0.1, 0.2, np.inf])
+    np.testing.assert_allclose(by_pull(Motion("still", 12), distance[:8].repeat(2)[:12], moved), [0.4 / 3])
+
+
+class MadeRun:
+    """A run whose model misses poses kept back by 1 %."""
+
+    def __init__(self, folder: Path, experiment: str) -> None:
+        self.model = SimpleNamespace(loss=np.array([[0.1, 0.01]]))
+
+    def __enter__(self) -> MadeRun:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, told, made, errors = tmp_path / "part.yaml", list[str](), list[tuple[str, str, object]](), [0.3, 0.02]
+    config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
+    (tmp_path / "runs" / "part" / "model.partial").mkdir(parents=True)
+    monkeypatch.setattr(
+        "ldsim.settings.enrich.make", lambda file, runs, until, say, flags: made.append((file.name, until, flags))
+    )
+    monkeypatch.setattr("ldsim.settings.enrich.Run", MadeRun)
+    monkeypatch.setattr("ldsim.settings.enrich.pull_errors", lambda run: np.array([0.01, errors.pop(0)]))
+    enrich(config, tmp_path / "runs", 0.05, math.inf, told.append)
+    keep = {"train": ["--keep"]}
+    assert made == [("part.yaml", "train", keep), ("part.enriched.yaml", "train", keep)]
+    assert load_settings(current(config)).train.condensed.rounds == 3
+    assert [each.error for each in read_rounds(tmp_path / "runs" / "part")] == [0.3, 0.02]
+    assert told[0].startswith("round 1: off by up to 30 % on 2 pulls kept aside (asked 5 %)")
+    assert not (tmp_path / "runs" / "part" / "model.partial").exists()
