@@ -10,6 +10,7 @@ to reproduction/results/statement.json.
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 from scipy.stats import betabinom, binom
@@ -28,7 +29,7 @@ from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.options import StatementOptions
 from ldsim.pipeline.statement import bound, fresh_motions
 from ldsim.space.options import PcaOptions
-from ldsim.space.pca import fit_basis
+from ldsim.space.pca import Chunks, fit_basis
 from ldsim.space.space import Space
 from reproduction.harness import Row, called, parser, row, show, write_results
 
@@ -56,17 +57,27 @@ def errors_of(scene: Scene, seed: int) -> Array:
     learned, *motions = fresh_motions(scene, StatementOptions(motions=1 + STATED + OTHERS, pulls=pulls))
     full = FullStepper(scene)
     snapshots = _frames(full, learned)[0].reshape(learned.frames, -1)
-    basis = fit_basis(lambda: iter([snapshots]), scene.mass, PcaOptions(k=DIMENSION)).basis
+    basis = fit_basis(cast(Chunks, lambda: iter([snapshots])), scene.mass, PcaOptions(k=DIMENSION)).basis
     space = Space.linear(scene, basis, DIMENSION)
     stepper = ReducedStepper(space)
     errors = np.full(len(motions), math.inf)
     for i, motion in enumerate(motions):
         u, held = _frames(full, motion)
-        reference = Reference(motion, held, lambda start, stop, u=u: u[start:stop])
+        reference = Reference(motion, held, _Frames(u))
         played = run_reduced(stepper, reference)
         found = with_errors(played, played, space, reference).relative_error
         errors[i] = math.inf if found is None or math.isnan(found) else found
     return errors
+
+
+class _Frames:
+    """Frames start … stop − 1 of those that are given."""
+
+    def __init__(self, u: Array) -> None:
+        self._u = u
+
+    def __call__(self, start: int, stop: int) -> Array:
+        return self._u[start:stop]
 
 
 def _frames(stepper: FullStepper, motion: Motion) -> tuple[Array, dict[int, np.ndarray]]:

@@ -40,6 +40,8 @@ from reproduction.harness import Row, called, checked_out, parser, row, show, wr
 FOLDER, NAME = "faults", "campaign"
 # Steps of a trial of violent loads, and the most seconds of one in the full space.
 STEPS, SECONDS = 1000, 0.005
+# Where README.md has the table.
+README, BEGIN, END = Path(__file__).parent / "README.md", "<!-- results -->", "<!-- end of results -->"
 
 
 def steps(run: str, space: str, bench: Bench, rng: np.random.Generator) -> Found:
@@ -139,6 +141,27 @@ def rows(folder: Path) -> list[Row]:
     return found
 
 
+def table(found: list[Row]) -> str:
+    """The rows as the table of README.md: what was tried, how often, and what came of it; faults in a column."""
+    counts: dict[str, dict[str, int]] = {}
+    for each in found:
+        name, _, kind = each["quantity"].rpartition(", ")
+        if each["unit"] == "" and not kind.startswith("trials of"):
+            counts.setdefault(name, {})[kind] = each["value"]
+    lines = ["| | tried | came to | faults |", "|---|---|---|---|"]
+    for name, its in counts.items():
+        rest = ", ".join(f"{kind} {n:,}" for kind, n in its.items() if kind != "tried" and kind not in FAULTS)
+        faults = ", ".join(f"{kind} {its[kind]}" for kind in FAULTS if its.get(kind)) or "0"
+        lines.append(f"| {name} | {its['tried']:,} | {rest} | {faults} |")
+    return "\n".join(lines)
+
+
+def fill(text: str, found: list[Row]) -> str:
+    """The text of README.md with the table of these rows."""
+    head, _, rest = text.partition(BEGIN)
+    return f"{head}{BEGIN}\n{table(found)}\n{END}{rest.partition(END)[2]}"
+
+
 def warm(bench: Bench) -> None:
     """Import, compile and read once here what the trials' processes then have from the start."""
     for name in EXPERIMENTS:
@@ -174,7 +197,9 @@ def main() -> None:
     finally:
         page.end()
         if not given.quick:
-            write_results("faults", called(NAME, FOLDER), rows(folder / "progress"))
+            found = rows(folder / "progress")
+            write_results("faults", called(NAME, FOLDER), found)
+            README.write_text(fill(README.read_text(encoding="utf-8"), found), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.faults.alone import alone
 from reproduction.faults.bench import EXPERIMENTS, ROOM
+from reproduction.faults.campaign import README, fill
 from reproduction.faults.mutations import OF_ARTEFACTS, text_spoilt
+from reproduction.harness import RESULTS
 from tests.cli.experiments import TINY
 from tests.simulator.playable import write_playable
 
@@ -83,3 +86,10 @@ def test_spoilt_configurations_and_recordings_are_refused_or_read(tmp_path: Path
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_the_configurations_of_the_campaign_are_whole(name: str) -> None:
     assert load_settings(ROOM / f"{name}.yaml").experiment == name
+
+
+def test_the_table_of_the_campaign_is_that_of_its_results() -> None:
+    found = json.loads((RESULTS / "faults.json").read_text(encoding="utf-8"))["rows"]
+    text = README.read_text(encoding="utf-8")
+    assert text == fill(text, found)
+    assert "| kills |" in text
