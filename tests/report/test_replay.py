@@ -157,7 +157,7 @@ def test_quantising_loses_half_a_step_at_most():
 
 
 def test_a_finished_run_is_shown_to_its_end_however_far_a_vertex_was_off(run):
-    """Only a run that diverged ends early; a vertex beyond the diagonal in one frame hides nothing, nor does it set the view."""
+    """Only a run that diverged ends early; a vertex that is far off in a frame neither hides it nor sets the view."""
     with Run(run.folder, run.experiment) as other:
         spaces = dict(other.simulation)
         latent, diagonal = spaces["latent"]["push"], other.scene.mesh.diagonal

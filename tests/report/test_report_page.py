@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def page(folder: Path) -> Path:
     with finished_run(folder) as run:
         figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, 0.06).items()}
-        text = render_page(RunNumbers.model_validate(example_report()), figures, {}, make_replay(run))
+        text = render_page(RunNumbers.model_validate(example_report()), figures, None, make_replay(run))
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
     return path
