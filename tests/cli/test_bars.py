@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import pytest
 from tqdm import tqdm
 
@@ -20,7 +22,7 @@ class Clock:
 @pytest.mark.parametrize("first", [1, 10])
 def test_the_time_that_is_left_is_told_by_the_steps_after_the_first(first: int) -> None:
     clock = Clock()
-    with tqdm(total=100 + first, disable=False, file=open("/dev/null", "w"), mininterval=0, miniters=1) as shown:
+    with tqdm(total=100 + first, disable=False, file=io.StringIO(), mininterval=0, miniters=1) as shown:
         shown._time = clock  # type: ignore[attr-defined]
         shown.start_t = shown.last_print_t = clock.now
         bar = _Bar(shown)
