@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import yaml
-
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
-from ldsim.options import Options
+from ldsim.options import Options, as_yaml, of_yaml
 from ldsim.pipeline.options import MeshOptions, MotionOptions, SimulateOptions, SnapshotOptions
 from ldsim.run import Run
 from ldsim.space.options import PcaOptions
@@ -31,8 +29,7 @@ def configuration(run: Run) -> str:
     if run.path("tests").is_file():
         sections["snapshot"].setdefault("motions", []).extend(_motions(run, "tests"))
     given = {name: section for name, section in sections.items() if section}
-    text: str = yaml.safe_dump(given, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
-    return text
+    return as_yaml(given)
 
 
 def _given(run: Run, kind: str, options: type[Options]) -> dict[str, Any]:
@@ -41,5 +38,5 @@ def _given(run: Run, kind: str, options: type[Options]) -> dict[str, Any]:
 
 
 def _motions(run: Run, kind: str) -> list[dict[str, Any]]:
-    motions = (yaml.safe_load(run.header(kind).settings) or {}).get("motions", ())
+    motions = of_yaml(run.header(kind).settings).get("motions", ())
     return [MotionOptions(**motion).model_dump(mode="json", exclude_defaults=True) for motion in motions]

@@ -120,7 +120,11 @@ def test_the_configuration_that_a_report_shows_makes_the_run_again(experiment: E
 
 WITHOUT_TORCH = """
 import sys
-sys.modules["torch"] = None
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+sys.meta_path.insert(0, Missing())
 from ldsim.cli.app import main
 main(sys.argv[1:])
 """
