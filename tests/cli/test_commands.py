@@ -136,7 +136,7 @@ main(sys.argv[1:])
         (
             ["train", "none.yaml"],
             1,
-            "error: ldsim train needs PyTorch, which is missing; run pip install 'ldsim[train]'",
+            "error: this command needs PyTorch, which is missing; run pip install 'ldsim[train]'",
         ),
         (["play", "none", "--no-browser"], 1, "error: none"),
         (["export", "none", "--playground"], 1, "error: none"),
