@@ -27,7 +27,7 @@ STAGES := mesh snapshot pca train cubature simulate report
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test bounds lint clean help
+.PHONY: $(STAGES) demo paper settings test bounds lint site clean help
 
 # What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
 $(STAGES): $(ENVIRONMENT)
@@ -69,6 +69,10 @@ bounds: $(ENVIRONMENT) ## tests of what is compiled, every index checked; minute
 lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
+
+site: $(ENVIRONMENT) ## the documentation as a site with search, in build/site
+	$(VENV)/bin/python -m pip install --quiet --editable '.[docs]'
+	$(VENV)/bin/python -m mkdocs build --strict
 
 clean: ## remove the files of the experiment
 	rm -rf $(RUN)

@@ -5,14 +5,20 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 import sys
 from collections.abc import Iterator, Mapping
+from enum import Enum
+from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import click
 
+from ldsim import Run, Simulator, load, simulate, view
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.artefacts.store import HEADER, WRITTEN_BY
 from ldsim.cli.app import COMMANDS, main
@@ -20,6 +26,7 @@ from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import STAGES, Settings
+from ldsim.simulator import Handle, Outcome, StepRecord
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not installed
@@ -84,6 +91,12 @@ in seconds unless the key says otherwise. A value that was not measured is null;
 |---|---|---|
 """
 
+PYTHON_INTRODUCTION = """# Python
+
+`from ldsim import load, view, Run, simulate, Simulator` is the front door; [the simulator](../guide/simulator.md) shows
+it in use, [stages from Python](../guide/python.md) the pipeline.
+"""
+
 HEADER_MEANINGS = {
     "kind": "one of " + ", ".join(f"`{kind}`" for kind in SCHEMAS),
     "schema_version": "version of this page's tables",
@@ -131,6 +144,7 @@ def pages() -> dict[Path, str]:
         HERE / "artefacts.md": artefacts_page(),
         HERE / "commands.md": commands_page(),
         HERE / "report.md": report_page(),
+        HERE / "python.md": python_page(),
     }
 
 
@@ -274,6 +288,28 @@ def _report_rows(path: str, node: Node, schema: Node) -> Iterator[str]:
     yield f"| `{path}{suffix}` | {kind}{null}{allowed} | {about} |\n"
     for key, child in section.get("properties", {}).items():
         yield from _report_rows(f"{path}{suffix}.{key}", child, schema)
+
+
+def python_page() -> str:
+    """reference/python.md: the front door, by signatures and docstrings."""
+    text = MADE.format(source="the docstrings of the code") + PYTHON_INTRODUCTION
+    for thing in (load, view, Simulator, Handle, StepRecord, Outcome, Run, simulate):
+        text += f"\n## {thing.__name__}\n\n" + _described(thing, thing.__name__)
+        if not inspect.isclass(thing) or issubclass(thing, Enum):
+            continue
+        for name, member in vars(thing).items():
+            if not name.startswith("_") and isinstance(member, FunctionType | property | cached_property | classmethod):
+                text += f"\n### {thing.__name__}.{name}\n\n" + _described(member, name)
+    return text
+
+
+def _described(thing: Any, name: str) -> str:
+    """The signature, where there is one to call, and the docstring."""
+    function = thing.__func__ if isinstance(thing, classmethod) else thing
+    callable_ = inspect.isfunction(function) or (inspect.isclass(function) and not issubclass(function, Enum))
+    signature = f"{name}{inspect.signature(function)}\n\n" if callable_ else ""
+    plain = re.sub(r"(: |-> )'([^']*)'", r"\1\2", signature)
+    return f"```text\n{plain}{inspect.getdoc(thing) or ''}\n```\n"
 
 
 if __name__ == "__main__":

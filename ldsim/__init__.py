@@ -1,6 +1,6 @@
 """Reduced deformable simulation in a learned latent space (Fulton et al., Eurographics 2019).
 
-The front door is `from ldsim import Run, simulate, load, Simulator`; each stage is a function of its module in
+The front door is `from ldsim import Run, simulate, load, Simulator, view`; each stage is a function of its module in
 `ldsim.pipeline`, as `from ldsim.pipeline.train import train`.
 """
 
@@ -17,6 +17,7 @@ HOMES = {
     "Simulator": "ldsim.simulator",
     "load": "ldsim.simulator",
     "simulate": "ldsim.dynamics.simulate",
+    "view": "ldsim.export.notebook",
 }
 
 

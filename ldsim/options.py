@@ -81,6 +81,18 @@ class Options(BaseModel):
         return text
 
 
+def as_yaml(content: Mapping[str, Any]) -> str:
+    """A configuration as text, short sections on one line."""
+    text: str = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
+    return text
+
+
+def of_yaml(text: str) -> dict[str, Any]:
+    """What a dump says, unchecked."""
+    found: dict[str, Any] = yaml.safe_load(text) or {}
+    return found
+
+
 Given = TypeVar("Given", bound=Options)
 
 

@@ -56,6 +56,10 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
         except LdsimError as error:
             _end_with(str(error))
+        except ModuleNotFoundError as error:
+            if error.name != "torch":
+                raise
+            _end_with("this command needs PyTorch, which is missing; run pip install 'ldsim[train]'")
         except (MemoryError, RuntimeError) as error:
             # PyTorch says so by a RuntimeError: "can't allocate memory" on the CPU, "CUDA out of memory" on a GPU.
             if not isinstance(error, MemoryError) and not OUT_OF_MEMORY.search(str(error)):

@@ -9,6 +9,7 @@ import click
 from ldsim import __version__
 from ldsim.cli.app import browser_option, port_option, until_closed_option
 from ldsim.cli.stage import Bars
+from ldsim.jit import kernel_cache
 from ldsim.viewer.playground import play_server
 from ldsim.viewer.serving import serve
 
@@ -29,5 +30,6 @@ from ldsim.viewer.serving import serve
 @browser_option
 @until_closed_option
 def command(run: Path, spaces: tuple[str, ...], port: int, browser: bool, until_closed: bool) -> None:
-    click.echo("opening the run (the first time compiles the kernels, about a minute)", err=True)
+    compiled = kernel_cache().is_dir()
+    click.echo("opening the run" + ("" if compiled else "; kernels are compiled first, about a minute"), err=True)
     serve(play_server(run, spaces, port, until_closed), browser, click.echo, Bars().tell)

@@ -14,7 +14,7 @@ def command(call: Call) -> None:
     settings, folder = call.settings, call.run.folder / "report"
     wanted = Wanted(settings.report.pictures, settings.cubature.tolerance, settings.train.tolerance_mm)
     made = report(call.run, wanted, call.progress)
-    call.say(folder, f"{len(made.figures)} figures, {len(made.pictures)} pictures")
+    call.say(folder, f"{made.numbers.verdict.word}; {len(made.figures)} figures")
     statement = made.numbers.statement
     for line in [*([statement.sentence] if statement else []), *read_first(made.numbers)]:
         click.echo(line)

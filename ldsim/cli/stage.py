@@ -34,14 +34,24 @@ class Bars(Progress):
 
 
 class _Bar(Bar):
+    """A bar whose clock begins at the first step, for before and in it kernels are compiled."""
+
     def __init__(self, bar: tqdm[Never]) -> None:
-        self._bar = bar
+        self._bar, self._begun = bar, False
 
     def update(self, steps: int = 1) -> None:
-        self._bar.update(steps)
+        if self._begun or steps <= 0:
+            self._bar.update(steps)
+            return
+        self._begun = True
+        self._bar.n += steps
+        self._bar.initial = self._bar.n
+        self._bar.unpause()
+        self._bar.start_t = self._bar.last_print_t
+        self._bar.refresh()
 
     def reach(self, steps: int) -> None:
-        self._bar.update(steps - self._bar.n)
+        self.update(int(steps - self._bar.n))
 
     def say(self, text: str) -> None:
         self._bar.set_postfix_str(text, refresh=False)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Solution
 
@@ -24,6 +29,15 @@ class Stepper(Protocol[S]):
 
     def rest(self) -> S:
         """The undeformed solid, without velocity."""
+        ...
+
+    def state(
+        self,
+        u: NDArray[np.floating],
+        u_previous: NDArray[np.floating],
+        pins: tuple[Sequence[MovedPins], Sequence[MovedPins]] = ((), ()),
+    ) -> S:
+        """The state nearest to the last two frames, (n, 3) metres each, the later first, and where pins were."""
         ...
 
     def step(self, state: S, loads: Loads) -> tuple[S, Solution]:

@@ -20,11 +20,16 @@ CELLS = {"tet4": "tetrahedra", "hex8": "hexahedra"}
 
 
 def write_playground(run: Run, path: Path) -> None:
-    """Write the page; both reduced spaces go into it, the latent one is shown first.
+    """Write the page.
 
     Raises:
         SceneError: the solid has a material that the C library does not know.
     """
+    path.write_text(playground_page(run), encoding="utf-8")
+
+
+def playground_page(run: Run) -> str:
+    """The page; both reduced spaces go into it, the latent one is shown first."""
     mesh, space = run.scene.mesh, run.space("latent")
     cells = f"{mesh.n_cells:,} {CELLS[mesh.cell_type]}"
     subtitle = f"{cells}, moved by {space.r} numbers and {len(space.rule.points)} cubature points"
@@ -36,7 +41,7 @@ def write_playground(run: Run, path: Path) -> None:
         f'<script type="application/json" id="model">{inlined(packed(run))}</script>\n'
         f"<script>{bundle('playground')}</script>"
     )
-    path.write_text(playground(f"<style>{playground_style()}</style>", script), encoding="utf-8")
+    return playground(f"<style>{playground_style()}</style>", script)
 
 
 def packed(run: Run) -> dict[str, str]:

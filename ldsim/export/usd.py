@@ -28,8 +28,8 @@ def write_usd(playback: Playback, path: Path) -> None:
     # USD's up is y or z; gravity along another axis leaves the solid lying.
     UsdGeom.SetStageUpAxis(stage, "Z" if int(np.abs(playback.scene.gravity).argmax()) == 2 else "Y")
     stage.SetTimeCodesPerSecond(1 / playback.frame_seconds)
-    stage.SetStartTimeCode(0)
-    stage.SetEndTimeCode(playback.frames - 1)
+    stage.SetStartTimeCode(1)  # frame i is the state at (i + 1) h, and time code 0 is rest
+    stage.SetEndTimeCode(playback.frames)
     stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/solid").GetPrim())
     modes = _define_surface(stage, playback.mesh, U)
     _define_motion(stage, modes, coordinates)
@@ -74,7 +74,7 @@ def _define_motion(stage: Any, modes: list[str], coordinates: Array) -> None:
     animation.CreateBlendShapesAttr(modes)
     weights = animation.CreateBlendShapeWeightsAttr()
     for frame, q in enumerate(coordinates.astype(np.float32)):
-        weights.Set(Vt.FloatArray.FromNumpy(np.ascontiguousarray(q)), frame)
+        weights.Set(Vt.FloatArray.FromNumpy(np.ascontiguousarray(q)), frame + 1)
     UsdSkel.BindingAPI.Apply(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     surface = UsdSkel.BindingAPI.Apply(stage.GetPrimAtPath("/solid/surface"))
     surface.CreateSkeletonRel().SetTargets([skeleton.GetPath()])

@@ -74,41 +74,29 @@ def draw_mesh(
 def side_by_side(
     poses: Sequence[tuple[str, Array]],
     triangles: Triangles,
-    reference: Array | None = None,
-    view: View | None = None,
-    limits: Array | None = None,
+    view: View,
+    limits: Array,
     width: int = 1200,
+    most: float = 0.0,
 ) -> Picture:
     """The same frame of several runs in a row, by one camera in one framing.
 
     Args:
         poses: what to draw, left to right: titles, and the positions of the vertices, (n, 3), metres.
         triangles: the surface, (t, 3), anticlockwise seen from outside.
-        reference: positions (n, 3), metres; given, vertices are coloured by their distance to it in millimetres,
-            on one scale for all pictures, which a colour bar shows.
-        view, limits: camera and framing; by default three-quarters from the front, around all poses.
         width: of the picture, pixels.
+        most: given, vertices are coloured by their distance to where the first pose has them, up to so many metres, and
+            a bar says so.
     """
-    everything = np.stack([positions for _, positions in poses])
-    view = view or look_at(everything)
-    limits = limits_of(view, everything) if limits is None else limits
-    distances = 1000 * np.linalg.norm(everything - (everything if reference is None else reference), axis=2)
-    most = float(max(distances.max(), 1e-9))
-    figure, panels = _row_of_panels(len(poses), limits, width, bar=reference is not None)
-    for ax, (title, positions), distance in zip(panels, poses, distances, strict=True):
-        draw_mesh(ax, positions, triangles, view, limits, shades=None if reference is None else distance / most)
+    figure, panels = _row_of_panels(len(poses), limits, width, bar=most > 0)
+    for ax, (title, positions) in zip(panels, poses, strict=True):
+        shades = np.linalg.norm(positions - poses[0][1], axis=1) / most if most > 0 else None
+        draw_mesh(ax, positions, triangles, view, limits, shades)
         # its size follows the picture's width, so that pictures scaled to one width match
         ax.set_title(title, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
-    if reference is not None:
-        _colour_bar(figure, most)
+    if most > 0:
+        _colour_bar(figure, 1000 * most)
     return _rasterised(figure)
-
-
-def png(picture: Picture) -> bytes:
-    """A picture as a file."""
-    buffer = BytesIO()
-    picture.save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
 
 
 def animation(
@@ -120,6 +108,8 @@ def animation(
     width: int = 720,
 ) -> bytes:
     """Several runs of one motion side by side, moving, as an endless WebP in real time.
+
+    Of several, the colour is the distance to the first, on the scale of the replay: 98 % of the frames stay within it.
 
     Args:
         motions: title and positions (N, n, 3), metres, of each run; all of the same N.
@@ -140,12 +130,15 @@ def moving_pictures(
     motions: Sequence[tuple[str, Array]], triangles: Triangles, view: View | None = None, width: int = 720
 ) -> Iterator[Image.Image]:
     """One picture a frame of several runs side by side, by one camera in one framing; see `animation`."""
-    everything = np.concatenate([positions for _, positions in motions])
-    view = view or look_at(everything)
-    limits = limits_of(view, everything)
-    for frame in range(len(everything) // len(motions)):
+    everything = np.stack([positions for _, positions in motions])
+    far = np.linalg.norm(everything[1:] - everything[0], axis=-1).max(axis=-1)
+    most = float(np.percentile(far, 98)) if far.size else 0.0
+    flat = everything.reshape(-1, *everything.shape[2:])
+    view = view or look_at(flat)
+    limits = limits_of(view, flat)
+    for frame in range(everything.shape[1]):
         row = [(title, positions[frame]) for title, positions in motions]
-        yield side_by_side(row, triangles, None, view, limits, width)
+        yield side_by_side(row, triangles, view, limits, width, most)
 
 
 def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
@@ -205,7 +198,7 @@ def _colour_bar(figure: Figure, most: float) -> None:
     ax = figure.add_axes((0.3, 0.40 / height, 0.4, 0.07 / height))
     bar = figure.colorbar(ScalarMappable(Normalize(0, most), DISTANCE_COLOURS), cax=ax, orientation="horizontal")
     bar.outline.set_visible(False)
-    bar.set_label("distance of vertices to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
+    bar.set_label("distance to full space, mm", color=TEXT_GREY, fontsize=9.5, labelpad=1)
     ax.tick_params(colors=TEXT_GREY, labelsize=9, length=2, pad=1)
 
 

@@ -21,6 +21,7 @@ from ldsim.pipeline.statement import about, bound, sentence
 from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
 from ldsim.report.machine import describe_machine
 from ldsim.report.options import ReportOptions
+from ldsim.report.repeat import configuration
 from ldsim.report.runs import dimensions, runs
 from ldsim.report.schema import (
     MM_PER_M,
@@ -45,6 +46,7 @@ from ldsim.report.schema import (
     StageCost,
     Statement,
     StatementBound,
+    Verdict,
     VertexErrors,
     VirtualRule,
 )
@@ -57,7 +59,7 @@ MS_PER_S = 1000.0
 
 
 def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> RunNumbers:
-    """The content of report.json but its warnings and its remedies, which follow from these numbers.
+    """The content of report.json but its verdict, warnings and remedies, which follow from these numbers.
 
     Args:
         own_cost: seconds and peak_memory_mb of the report itself.
@@ -68,6 +70,7 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
     mesh, decoder = run.scene.mesh, run.model.decoder
     return RunNumbers(
         experiment=run.experiment,
+        verdict=Verdict(word="not judged", why=""),
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         machine=MachineDescription(**describe_machine()),
         mesh=MeshSize(
@@ -92,7 +95,7 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
         speedup=_speedups(run),
         statement=_statement(run),
         rounds=[LearningRound(**each.model_dump()) for each in read_rounds(run.folder)],
-        made_from=MadeFrom(settings=options.dump(), inputs=_inputs(run)),
+        made_from=MadeFrom(configuration=configuration(run), settings=options.dump(), inputs=_inputs(run)),
         stages=_stages(run, own_cost),
         warnings=[],
         advice=advice(run),

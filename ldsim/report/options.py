@@ -10,4 +10,4 @@ from ldsim.options import Field, Options
 class ReportOptions(Options):
     """What the report shows."""
 
-    pictures: Annotated[int, Field(ge=0, le=12, description="Moments to show, full beside linear and latent.")] = 3
+    pictures: Annotated[bool, Field(description="Whether the page shows motions: a replay, and an animation.")] = True

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from ldsim.report.figure import Figure
 from ldsim.report.paper import PAPER_CITATION, PAPER_MACHINE, PAPER_TABLE_1, paper_row
+from ldsim.report.pictures import Picture
 from ldsim.report.replay import Replay
 from ldsim.report.schema import ROLE_NAMES, ROLES, RunNumbers
 from ldsim.report.wording import readable
@@ -25,7 +26,7 @@ MISSING = Markup('<span class="null" title="not measured">–</span>')
 def render_page(
     report: RunNumbers,
     figures: Mapping[str, tuple[Figure, str]],
-    pictures: Mapping[str, bytes],
+    picture: Picture | None,
     replay: Replay | None = None,
 ) -> str:
     """The report of a run.
@@ -34,13 +35,10 @@ def render_page(
         report: its numbers and warnings.
         figures: name → figure and the SVG for readers without script. A section shows those whose name is or begins
             with one of its own, such as `online_error_x_2`; others follow at the end.
-        pictures: caption → PNG or WebP bytes, shown near the top.
-        replay: the motions to play, above the pictures.
-
-    Raises:
-        ValueError: if a picture is neither PNG nor WebP.
+        picture: the animation, for readers without script.
+        replay: the motions to play, in its place.
     """
-    return render("report.html", figures, report=report, pictures=pictures, replay=replay)
+    return render("report.html", figures, report=report, picture=picture, replay=replay)
 
 
 def render(template: str, figures: Mapping[str, tuple[Figure, str]], **values: Any) -> str:
@@ -54,18 +52,18 @@ class Shelf:
     def __init__(self, figures: Mapping[str, tuple[Figure, str]]) -> None:
         self.left = dict(figures)
 
-    def take(self, *names: str) -> list[tuple[Markup, Markup]]:
-        """The figures that are called so, or begin so: JSON for the script, and SVG."""
+    def take(self, *names: str) -> list[tuple[str, Markup, Markup]]:
+        """The figures that are called so, or begin so: title, JSON for the script, and SVG."""
         taken = [name for own in names for name in self.left if name == own or name.startswith(f"{own}_")]
         return [self._give(name) for name in taken]
 
-    def rest(self) -> list[tuple[Markup, Markup]]:
+    def rest(self) -> list[tuple[str, Markup, Markup]]:
         """All that are left."""
         return [self._give(name) for name in list(self.left)]
 
-    def _give(self, name: str) -> tuple[Markup, Markup]:
+    def _give(self, name: str) -> tuple[str, Markup, Markup]:
         figure, svg = self.left.pop(name)
-        return Markup(inlined(figure.record())), Markup(svg)  # noqa: S704 the SVG's texts are escaped by `svg.py`
+        return figure.title, Markup(inlined(figure.record())), Markup(svg)  # noqa: S704 the SVG's texts are escaped by `svg.py`
 
 
 def number(value: float | None, factor: float = 1.0, unit: str = "") -> Markup:
@@ -89,19 +87,9 @@ def percent(value: float | None) -> Markup:
     return number(value, 100, "%")
 
 
-def picture_source(data: bytes) -> str:
-    """A picture as an address that holds it.
-
-    Raises:
-        ValueError: if the bytes are neither PNG nor WebP.
-    """
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
-        kind = "png"
-    elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        kind = "webp"
-    else:
-        raise ValueError(f"a picture begins with {data[:12]!r}; expected PNG or WebP")
-    return f"data:image/{kind};base64,{b64encode(data).decode('ascii')}"
+def encoded(data: bytes) -> str:
+    """Bytes in base64."""
+    return b64encode(data).decode("ascii")
 
 
 @cache
@@ -113,7 +101,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters |= {"number": number, "percent": percent, "picture_source": picture_source}
+    found.filters |= {"number": number, "percent": percent, "encoded": encoded}
     found.globals |= {
         "REDUCED": REDUCED,
         "SPACES": SPACES,

@@ -144,12 +144,12 @@ def _drawing_error(
 
 
 def _box(run: Run, every: Sequence[SpaceReplay], vertices: Indices) -> tuple[Array, Array]:
-    """The corners (3,), metres, of the upright box that all motions stay in."""
-    rest, turn = run.scene.mesh.vertices[vertices], upright(run.scene.gravity)
-    places = [(rest + one.displacements.reshape(-1, *rest.shape)) @ turn.T for one in every if len(one.displacements)]
-    return np.min([at.min(axis=(0, 1)) for at in places], axis=0), np.max(
-        [at.max(axis=(0, 1)) for at in places], axis=0
-    )
+    """The corners (3,), metres, of the upright box that all motions stay in, but for frames that are far off."""
+    rest, turn, far = run.scene.mesh.vertices[vertices], upright(run.scene.gravity), run.scene.mesh.diagonal
+    near = [one.displacements if one.max_error is None else one.displacements[one.max_error < far] for one in every]
+    places = [(rest + u.reshape(-1, *rest.shape)) @ turn.T for u in near if len(u)]
+    low = np.min([at.min(axis=(0, 1)) for at in places], axis=0)
+    return low, np.max([at.max(axis=(0, 1)) for at in places], axis=0)
 
 
 def _described(

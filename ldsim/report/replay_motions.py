@@ -68,13 +68,11 @@ def replay_motion(run: Run, motion: str, stride: int, vertices: Indices) -> Moti
 def _replay_space(
     run: Run, motion: str, space: str, frames: Indices, vertices: Indices, pulled: Sequence[tuple[Indices, Indices]]
 ) -> SpaceReplay:
-    """Until the run is lost: not a number, or a vertex farther than the diagonal from full space."""
+    """Until the run diverged. A vertex that is far off for a while is shown: it belongs to what the space is worth."""
     u, trajectory = displacements(run, space, motion), reduced_runs(run, motion).get(space)
     mean_error = max_error = None
     if trajectory is not None and trajectory.coordinates is not None:
         whole = np.asarray(np.isfinite(trajectory.coordinates).all(axis=1))
-        if trajectory.max_error is not None:
-            whole &= np.nan_to_num(trajectory.max_error, nan=np.inf) < run.scene.mesh.diagonal
         frames = frames[: int(np.searchsorted(frames, len(whole) if whole.all() else whole.argmin()))]
         mean_error, max_error = (
             None if error is None else error[frames] for error in (trajectory.mean_error, trajectory.max_error)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from ldsim.artefacts.folder import replacing_folder
 from ldsim.artefacts.store import STAGE_OF
@@ -18,16 +16,14 @@ from ldsim.report.figures import draw_figures
 from ldsim.report.numbers import collect
 from ldsim.report.options import ReportOptions
 from ldsim.report.page import render_page
-from ldsim.report.pictures import Picture, take_pictures
+from ldsim.report.pictures import Picture, moving_picture
 from ldsim.report.remedies import Facts, remedies
 from ldsim.report.replay import make_replay
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
+from ldsim.report.verdict import verdict
 from ldsim.report.warnings import warnings_of_numbers, warnings_of_run
 from ldsim.run import Run
-
-# Pictures beyond this many bytes lie in the folder but not in the page, which base64 makes a third larger.
-PAGE_PICTURE_BYTES = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -35,12 +31,12 @@ class Wanted:
     """What the settings say.
 
     Attributes:
-        pictures: moments to show of each motion; 0 for none, and no replay either.
+        pictures: whether to show motions.
         cubature_tolerance: relative error asked of cubature.
         training_tolerance_mm: largest vertex error asked of the latent space, mm.
     """
 
-    pictures: int
+    pictures: bool
     cubature_tolerance: float
     training_tolerance_mm: float
 
@@ -58,7 +54,7 @@ class Report:
     numbers: RunNumbers
     page: str
     figures: Mapping[str, tuple[Figure, str]]
-    pictures: Sequence[Picture]
+    picture: Picture | None
 
 
 def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
@@ -83,23 +79,21 @@ def build_report(
 
     Args:
         cost: seconds and peak_memory_mb so far; asked when all is drawn.
-        progress: called after each picture.
+        progress: called when the animation is drawn.
     """
     figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, wanted.cubature_tolerance).items()}
-    pictures = []
-    for picture in take_pictures(run, wanted.pictures):
-        progress()
-        if picture is not None:
-            pictures.append(picture)
+    picture = moving_picture(run) if wanted.pictures else None
+    progress()
     numbers = collect(run, ReportOptions(pictures=wanted.pictures), cost())
     warnings = [
         *warnings_of_numbers(numbers, wanted.cubature_tolerance),
         *warnings_of_run(run, wanted.training_tolerance_mm),
     ]
-    numbers = numbers.model_copy(update={"warnings": warnings, "remedies": remedies(Facts.of(run, numbers))})
+    found = {"verdict": verdict(numbers), "warnings": warnings, "remedies": remedies(Facts.of(run, numbers))}
+    numbers = numbers.model_copy(update=found)
     replay = make_replay(run) if wanted.pictures else None
-    page = render_page(numbers, figures, _within_budget(pictures), replay)
-    return Report(numbers, page, figures, pictures)
+    page = render_page(numbers, figures, picture, replay)
+    return Report(numbers, page, figures, picture)
 
 
 def write_report(folder: Path, report: Report) -> None:
@@ -114,21 +108,11 @@ def write_report(folder: Path, report: Report) -> None:
         for name, (figure, svg) in report.figures.items():
             (new / "figures" / f"{name}.svg").write_text(svg, encoding="utf-8")
             (new / "figures" / f"{name}.json").write_text(_json(figure.record()), encoding="utf-8")
-        for picture in report.pictures:
-            (new / "pictures" / picture.file).write_bytes(picture.data)
+        if report.picture is not None:
+            (new / "pictures" / report.picture.file).write_bytes(report.picture.data)
         (new / "report.json").write_text(_json(report.numbers.model_dump()), encoding="utf-8")
         (new / "report.html").write_text(report.page, encoding="utf-8")
 
 
 def _json(content: object) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _within_budget(pictures: Sequence[Picture]) -> dict[str, bytes]:
-    """Caption → bytes of the pictures that keep the page small, from the first on."""
-    sizes = np.cumsum([len(picture.data) for picture in pictures])
-    return {
-        picture.caption: picture.data
-        for picture, size in zip(pictures, sizes, strict=True)
-        if size <= PAGE_PICTURE_BYTES
-    }

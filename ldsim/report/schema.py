@@ -221,8 +221,20 @@ class LearningRound(ReportSection):
     changed: Annotated[str, _about("settings that were extended after it; empty where none were")]
 
 
+class Verdict(ReportSection):
+    """What all that comes to, of the space that simulate chose."""
+
+    word: Annotated[
+        Literal["good", "usable", "do not use", "not judged"],
+        _about("good: at most 10 % off on motions that nothing had seen; usable: at most 30 %"),
+    ]
+    why: str
+
+
 class MadeFrom(ReportSection):
     """What the report tells of: `ldsim make` compares it with what is there."""
+
+    configuration: Annotated[str, _about("of all stages, as YAML, without what is default")]
 
     settings: Annotated[str, _about("of the stage report, as YAML")]
     inputs: Annotated[dict[str, str], _about("artefact → SHA-256 of its file")]
@@ -238,6 +250,7 @@ class RunNumbers(ReportSection):
 
     experiment: str
     created: Annotated[str, _about("date and time, UTC")]
+    verdict: Verdict
     machine: MachineDescription
     mesh: MeshSize
     kind: Annotated[Literal["autoencoder", "condensed"], _about("train.kind, what the latent space is")]

@@ -16,6 +16,9 @@ from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
 
+# Endings of files that are given where a configuration is asked for.
+MESHES = tuple(".stl .obj .ply .off .mesh .msh .vtk .vtu .xdmf .node .ele .inp .med .exo".split())
+
 
 class Settings(Options):
     """One experiment."""
@@ -46,6 +49,11 @@ STAGES = tuple(name for name in Settings.model_fields if name != "experiment")
 
 def load_settings(path: Path, experiment: str | None = None) -> Settings:
     """Read and check a configuration, and refuse one of another experiment; see `read_options`."""
+    if path.suffix.lower() in MESHES:
+        raise SettingsError(
+            f"{path} is a mesh or surface file, not a configuration; `ldsim new {path}` looks at it and writes "
+            f"{path.with_suffix('.yaml').name}, which `ldsim make` takes"
+        )
     settings = read_options(path, "configuration", Settings)
     if experiment not in (None, settings.experiment):
         raise SettingsError(

@@ -55,6 +55,7 @@ class SavedState:
     """All that the next step depends on; made by `Simulator.save`."""
 
     state: Any
+    before: Any
     grabs: dict[int, Grab] = field(repr=False)
     pins: tuple[MovedPins, ...]
     gravity: Array | None

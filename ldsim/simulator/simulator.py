@@ -7,6 +7,7 @@ solid whatever is asked of it.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -23,6 +24,7 @@ from ldsim.mechanics.motion import Drag
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
+from ldsim.simulator.fields import VertexField, elastic_energy
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space
 
@@ -74,6 +76,10 @@ class Handle:
         """Pull to another target, (3,) metres."""
         self._simulator.held[self._key] = replace(self.grab, target=_vector(target, "target", "m"))
 
+    def on(self, simulator: Simulator) -> Handle:
+        """The same grab on a simulator that follows this one's."""
+        return Handle(simulator, self._key)
+
     def release(self) -> None:
         """Let go; a second time does nothing."""
         self._simulator.held.pop(self._key, None)
@@ -93,6 +99,11 @@ class Simulator:
         counts: how many steps came to each outcome since the last reset.
     """
 
+    __slots__ = (
+        "_before", "_gravity", "_limit", "_material_scale", "_next_key", "_number", "_own_stepper", "_pins", "_state",
+        "_stepper", "_stress", "counts", "held", "last", "scene", "space", "surface",
+    )  # fmt: skip
+
     def __init__(self, space: Space, stepper: Stepper[Any], bound: float = BOUND) -> None:
         self.space, self.scene = space, space.scene
         self.surface = Surface.of(self.scene.mesh)
@@ -101,11 +112,17 @@ class Simulator:
         self._gravity: Array | None = None
         self._material_scale = 1.0
         self._next_key = 0
+        self._stress: VertexField | None = None
         self.reset()
+
+    def __repr__(self) -> str:
+        count = f" of {len(self._stepper.coordinates(self._state))} numbers" if self.space.basis is not None else ""
+        name = f"{self.space.name} space{count}, {self.scene.mesh.n_vertices:,} vertices"
+        return f"<Simulator: {name}, at {self.time:.4g} s with {len(self.held)} grabs>"
 
     def reset(self) -> None:
         """Back to rest, without grabs; gravity and material stay as they were set."""
-        self._state = self._stepper.rest()
+        self._state = self._before = self._stepper.rest()
         self.held: dict[int, Grab] = {}
         self._pins: tuple[MovedPins, ...] = ()
         self._number = 0
@@ -132,6 +149,9 @@ class Simulator:
 
         Raises:
             MotionError: the point is not near the solid, all vertices there are pinned, or a value is not allowed.
+
+        Warns:
+            UserWarning: the point itself is pinned, so that only what is beside it gives way.
         """
         usual_stiffness, usual_radius = usual_grip(self.scene)
         stiffness = usual_stiffness if stiffness is None else stiffness
@@ -140,6 +160,13 @@ class Simulator:
         drag = Drag(self._number, _vector(point, "point", "m"), place[None], radius, stiffness, at_rest)
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
         vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * self.scene.mesh.diagonal)
+        nearest = int(np.linalg.norm(positions - drag.point, axis=1).argmin())
+        if not self.scene.movable[nearest]:
+            warnings.warn(
+                f"the point {np.round(drag.point, 4).tolist()} is pinned and will not move; what is pulled are the "
+                f"{len(vertices)} free vertices within {radius:.3g} m of it. Grab where the solid can give way",
+                stacklevel=2,
+            )
         key, self._next_key = self._next_key, self._next_key + 1
         self.held[key] = Grab(vertices, place, stiffness)
         return Handle(self, key)
@@ -207,7 +234,9 @@ class Simulator:
 
     def _step(self) -> StepRecord:
         started = time.perf_counter()
+        before = self._state
         self._state, tries, outcome = self._attempt(Loads(tuple(self.grabs), self._gravity, self._pins))
+        self._before = before if outcome in (Outcome.SOLVED, Outcome.SHORT) else self._state.standing()
         self._number += 1
         self.counts[outcome] += 1
         self.last = StepRecord(
@@ -265,9 +294,45 @@ class Simulator:
         novelty = self.space.novelty
         return np.nan if novelty is None else float(novelty(self._state.z[None])[0]) / novelty.threshold
 
-    def displacement(self) -> Array:
-        """u of every vertex, (n, 3) float64, metres."""
-        return self._stepper.displacement(self._state).copy()
+    def displacement(self, vertices: Indices | slice = slice(None)) -> Array:
+        """u of every vertex, or of some (v,); (v, 3) float64, metres."""
+        return self._stepper.displacement(self._state)[vertices].copy()
+
+    def velocity(self, vertices: Indices | slice = slice(None)) -> Array:
+        """What the displacement changed by in the last step over its time, (v, 3) float64, m/s; 0 at rest."""
+        before = self._stepper.displacement(self._before)[vertices]
+        speed: Array = (self.displacement(vertices) - before) / self.scene.time_step
+        return speed
+
+    @property
+    def centre_of_mass(self) -> Array:
+        """Where it is now, (3,) float64, metres."""
+        mass = self.scene.vertex_mass
+        centre: Array = mass @ (self.scene.mesh.vertices + self.displacement()) / mass.sum()
+        return centre
+
+    @property
+    def elastic_energy(self) -> float:
+        """What the deformation stores, over all points of the mesh, J."""
+        return elastic_energy(self.scene, self.displacement(), self._material_scale)
+
+    def stress(self) -> Array:
+        """The von Mises stress at every vertex, (n,) float64, Pa: the mean of the points around it, by volume."""
+        if self._stress is None:
+            self._stress = VertexField(self.scene, np.arange(self.scene.mesh.n_vertices))
+        return self._stress("stress", self.displacement(), self._material_scale)
+
+    def follow(self, other: Simulator) -> None:
+        """Take over what another simulator of the same solid does: shape, velocity, grabs, pins, gravity and material.
+
+        A reduced space takes the nearest shape that it has.
+        """
+        self._pins = other._pins
+        frames = other.displacement(), other._stepper.displacement(other._before)
+        self._state = self._stepper.state(*frames, (self._pins, self._pins))
+        self._before = self._stepper.state(frames[1], frames[1], (self._pins, self._pins))
+        self.held, self._next_key, self._number = dict(other.held), other._next_key, other._number
+        self._change(other._gravity, other._material_scale)
 
     def centroid(self, vertices: Indices) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
@@ -280,7 +345,9 @@ class Simulator:
 
     def save(self) -> SavedState:
         """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""
-        return SavedState(self._state, dict(self.held), self._pins, self._gravity, self._material_scale, self._number)
+        return SavedState(
+            self._state, self._before, dict(self.held), self._pins, self._gravity, self._material_scale, self._number
+        )
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a saved state of this run and space.
@@ -296,6 +363,7 @@ class Simulator:
         if not self._stepper.extent(saved.state) <= self._limit:
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
         self._state, self.held, self._number = saved.state, dict(saved.grabs), saved.number
+        self._before = saved.before
         self._pins = saved.pins
         self._change(saved.gravity, saved.material_scale)
 

@@ -66,7 +66,12 @@ def space_block(simulator: Simulator) -> bytes:
 
 
 class SpaceFrame(NamedTuple):
-    """One space in a frame: coordinates (k,), or (3v,) in the full space, and the statistics of its last step."""
+    """One space in a frame: coordinates (k,), or (3v,) in the full space, and the statistics of its last step.
+
+    Attributes:
+        distance: mean vertex distance to the full space beside it, metres; NaN where that is not shown.
+        error: the sum of these over that of the full space's displacements, since the last start from rest.
+    """
 
     coordinates: NDArray[np.float32]
     milliseconds: float
@@ -75,6 +80,8 @@ class SpaceFrame(NamedTuple):
     outcome: int
     troubled: int
     novelty: float
+    distance: float
+    error: float
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,7 @@ class GrabFrame:
 def frame_bytes(
     number: int, seconds: float, rate: float, flags: int, spaces: Sequence[SpaceFrame], grabs: Sequence[GrabFrame]
 ) -> bytes:
-    """A frame: 24 bytes, 28 and the coordinates a space, 16 and 12 a space for every grab.
+    """A frame: 24 bytes, 36 and the coordinates a space, 16 and 12 a space for every grab.
 
     Args:
         rate: simulated seconds a second.
@@ -99,7 +106,7 @@ def frame_bytes(
     for space in spaces:
         coordinates, *numbers = space
         q = np.ascontiguousarray(coordinates, dtype="<f4")
-        parts.append(struct.pack("<IfffIIf", len(q), *numbers))
+        parts.append(struct.pack("<IfffIIfff", len(q), *numbers))
         parts.append(q.tobytes())
     for grab in grabs:
         parts.append(struct.pack("<I", grab.id) + grab.target.astype("<f4").tobytes())

@@ -13,7 +13,7 @@ MAX_BYTES = 4096
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Place = tuple[Number, Number, Number]
 Key = Annotated[int, Field(ge=0, lt=2**31)]
-Word = Annotated[str, Field(min_length=1, max_length=40)]
+Word = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class ProtocolError(LdsimError):
@@ -65,7 +65,7 @@ class NumberMessage(PageMessage):
 
 
 class SwitchMessage(PageMessage):
-    """Pause or go on; record from rest, or end and write it; play the last recording back from rest, or stop that."""
+    """Pause or go on; record from rest, or end and write it; play the take back from rest, or stop that."""
 
     kind: Literal["pause", "record", "replay"]
     value: bool
@@ -84,16 +84,16 @@ class SpacesMessage(PageMessage):
     value: Annotated[tuple[Word, ...], Field(min_length=1, max_length=8)]
 
 
-class ColourMessage(PageMessage):
-    """What the colour shows."""
+class WordMessage(PageMessage):
+    """What the colour shows; the recorded take to play back; one to delete."""
 
-    kind: Literal["colour"] = "colour"
+    kind: Literal["colour", "take", "discard"]
     value: Word
 
 
 Message = (
     GrabMessage | MoveMessage | ReleaseMessage | GravityMessage | NumberMessage | SwitchMessage | ButtonMessage
-    | SpacesMessage | ColourMessage
+    | SpacesMessage | WordMessage
 )  # fmt: skip
 ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
 

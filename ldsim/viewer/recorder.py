@@ -21,7 +21,8 @@ class Recorder:
     """One hand on one solid, frame by frame.
 
     Args:
-        path: the file that a recording is written to; an older one is replaced.
+        path: the file that the first take is written to; an older one is replaced. Further takes lie beside it, as
+            motion-2.csv and so on.
         stiffness, radius: of every grab, N/m and m.
         notes: further lines of the file.
         motion: what can be played back before anything is recorded.
@@ -43,7 +44,10 @@ class Recorder:
                 f"recording {path} cannot be written: {path.parent} is no folder; choose another --output"
             )
         self._path, self._stiffness, self._radius, self._notes = path, stiffness, radius, notes
-        self._motion = motion
+        self.takes: dict[str, Motion] = {} if motion is None else {motion.name: motion}
+        self.take = next(iter(self.takes), "")
+        self._recorded: dict[str, Path] = {}
+        self._count = 0
         self.recording = self.replaying = False
         self._frames = 0
         self._drags: list[Drag] = []
@@ -58,7 +62,8 @@ class Recorder:
             "recording": self.recording,
             "replaying": self.replaying,
             "file": self._path.name,
-            "frames": 0 if self._motion is None else self._motion.frames,
+            "takes": {name: motion.frames for name, motion in self.takes.items()},
+            "take": self.take,
         }
 
     def record(self, value: bool) -> str:
@@ -68,17 +73,33 @@ class Recorder:
             self._frames, self._drags, self._targets, self._point = 0, [], [], None
             return "recording: pull on the solid"
         self.release()
-        self._motion = Motion(self._path.stem, self._frames, tuple(self._drags))
-        write_recording(self._path, self._motion, self._notes)
-        return f"{self._path}: {self._frames} frames, {len(self._drags)} pulls"
+        self._count += 1
+        path = self._path if self._count == 1 else self._path.with_stem(f"{self._path.stem}-{self._count}")
+        motion = Motion(path.stem, self._frames, tuple(self._drags))
+        write_recording(path, motion, self._notes)
+        self.takes[path.stem], self._recorded[path.stem], self.take = motion, path, path.stem
+        return f"{path}: {self._frames} frames, {len(self._drags)} pulls"
+
+    def choose(self, take: str) -> None:
+        """The take that is played back from now on."""
+        if take not in self.takes:
+            raise MotionError(f"there is no take {take!r}; there are {', '.join(self.takes) or 'none'}")
+        self.take = take
+
+    def discard(self, take: str) -> None:
+        """Forget a take, and delete its file where it was recorded here."""
+        self.choose(take)
+        del self.takes[take]
+        if take in self._recorded:
+            self._recorded.pop(take).unlink(missing_ok=True)
+        self.take = next(reversed(self.takes), "")
 
     def replay(self, value: bool, simulator: Simulator) -> None:
-        """Play the motion from rest from now on, or stop doing so."""
-        if value and self._motion is None:
+        """Play the take from rest from now on, or stop doing so."""
+        if value and not self.take:
             raise MotionError("nothing to play back: record something first, or name a recording with --play")
         if value:
-            assert self._motion is not None
-            self._loads = MotionLoads(self._motion, simulator.scene)
+            self._loads = MotionLoads(self.takes[self.take], simulator.scene)
         self.recording, self.replaying, self._frames = False, value, 0
         simulator.set_grabs([])
 
@@ -113,8 +134,8 @@ class Recorder:
         return True
 
     def _play(self, simulator: Simulator) -> bool:
-        assert self._motion is not None and self._loads is not None
-        if self._frames >= self._motion.frames:
+        assert self._loads is not None
+        if self._frames >= self.takes[self.take].frames:
             self.replay(False, simulator)
             return False
         u = simulator.displacement() if self._loads.needs_state(self._frames) else None

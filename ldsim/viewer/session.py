@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,11 +14,11 @@ from numpy.typing import NDArray
 
 from ldsim.errors import LdsimError
 from ldsim.simulator import Handle, Simulator, StepRecord
+from ldsim.simulator.fields import FIELDS, VertexField
 from ldsim.viewer import protocol
-from ldsim.viewer.fields import FIELDS, SurfaceField
 from ldsim.viewer.payload import MAX_GRABS, GrabFrame, field_bytes, frame_bytes, space_block
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.state import Audience, Held, Look, space_frame
+from ldsim.viewer.state import Audience, Errors, Held, Look, space_frame
 
 Array = NDArray[np.float64]
 
@@ -49,7 +51,7 @@ class Session:
         self.blocks = {simulator.space.name: space_block(simulator) for simulator in first}
         self._shown = list(first)
         self.recorder = recorder
-        self._field = SurfaceField(first[0])
+        self._field = VertexField(first[0].scene, first[0].surface.vertices)
         self._field(FIELDS[0], first[0].displacement(), 1.0)  # compiled now, before a page waits for it
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = Look((x, y, z))
@@ -59,6 +61,7 @@ class Session:
         self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
         self._number, self._simulated = 0, 0.0
         self._field_time, self._high = 0.0, 0.0
+        self._errors = Errors()
         self._records: list[list[StepRecord]] = []  # of each space shown, since the last frame
 
     # What the server calls, from its own thread
@@ -146,6 +149,7 @@ class Session:
         self._records = self._records or [[] for _ in self._shown]
         for simulator, records in zip(self._shown, self._records, strict=True):
             records.append(simulator.step())
+        self._errors.add(self._shown)
         self._simulated += self._shown[0].scene.time_step
 
     def _prepared(self, recorder: Recorder) -> bool:
@@ -161,7 +165,8 @@ class Session:
         """Send the present frame, and now and then the colours."""
         self._number += 1
         present = self._records or [[] for _ in self._shown]
-        spaces = [space_frame(*pair) for pair in zip(self._shown, present, strict=True)]
+        pairs = zip(self._shown, present, strict=True)
+        spaces = [space_frame(simulator, steps, self._errors.of(simulator.space.name)) for simulator, steps in pairs]
         grabs = [GrabFrame(key, held.target, [h.centroid for h in held.handles]) for key, held in self._held.items()]
         recorder = self.recorder
         flags = self.look.paused + (0 if recorder is None else 2 * recorder.recording + 4 * recorder.replaying)
@@ -177,7 +182,8 @@ class Session:
             for simulator in self._shown
         ]
         largest = max(float(np.percentile(values, 99)) for values in fields)
-        self._high = max(largest, 0.98 * self._high)
+        if largest > self._high:  # the scale is held; it grows by round steps until the colour is chosen anew
+            self._high = rounded_up(largest)
         for i, values in enumerate(fields):
             self._audience.colours(i, field_bytes(i, values, 0.0, self._high))
 
@@ -229,8 +235,10 @@ class Session:
                 self._reset()
             case protocol.SpacesMessage():
                 self._show(message.value)
-            case protocol.ColourMessage():
+            case protocol.WordMessage(kind="colour"):
                 self._colour(message.value)
+            case protocol.WordMessage():
+                self._take(message)
         return message.kind not in ("grab", "move", "release")
 
     def _leave(self, client: int) -> None:
@@ -244,15 +252,19 @@ class Session:
             return
         target, handles = np.array(message.target), list[Handle]()
         try:
-            for simulator in self._shown:
-                if recorder is None:
-                    handles.append(simulator.grab(message.point, target, at_rest=True))
-                else:
-                    handles.append(recorder.grab(simulator, np.array(message.point), target))
+            with warnings.catch_warnings(record=True) as warned:
+                warnings.simplefilter("always")
+                for simulator in self._shown:
+                    if recorder is None:
+                        handles.append(simulator.grab(message.point, target, at_rest=True))
+                    else:
+                        handles.append(recorder.grab(simulator, np.array(message.point), target))
         except LdsimError:
             for handle in handles:
                 handle.release()
             raise
+        if warned:
+            self._audience.notice("this place is pinned and will not move; pull where the solid can give way")
         self._held[message.id] = Held(client, target, handles)
 
     def _move(self, key: int, target: Array) -> None:
@@ -284,7 +296,7 @@ class Session:
         self._held.clear()
         for simulator in self._shown:
             simulator.reset()
-        self._simulated, self._records, self._high = 0.0, [], 0.0
+        self._simulated, self._records, self._errors = 0.0, [], Errors()
 
     def _show(self, names: tuple[str, ...]) -> None:
         if any(name not in self.offered for name in names) or len(set(names)) < len(names):
@@ -294,9 +306,14 @@ class Session:
                 self._audience.notice(f"opening the {name} space")
                 self._open[name] = self._open_space(name)
                 self.blocks[name] = space_block(self._open[name])
-        self._shown = [self._open[name] for name in names]
-        self._reset()
-        self._condition(self.look.gravity, self.look.stiffness)
+        before, self._shown = self._shown, [self._open[name] for name in names]
+        for simulator in self._shown:
+            if simulator not in before:
+                simulator.follow(before[0])
+        for held in self._held.values():
+            kept = dict(zip(before, held.handles, strict=True))
+            held.handles = [kept.get(each) or held.handles[0].on(each) for each in self._shown]
+        self._records, self._errors = [], Errors()
 
     def _colour(self, name: str) -> None:
         if name not in COLOURS:
@@ -309,8 +326,21 @@ class Session:
         self._reset()
         self._audience.notice(self.recorder.record(value))
 
+    def _take(self, message: protocol.WordMessage) -> None:
+        if self.recorder is None:
+            raise LdsimError("there are no takes here; `ldsim record` makes some")
+        if self.recorder.recording or self.recorder.replaying:
+            raise LdsimError("stop first; then choose or delete a take")
+        (self.recorder.choose if message.kind == "take" else self.recorder.discard)(message.value)
+
     def _replay(self, value: bool) -> None:
         if self.recorder is None:
             raise LdsimError("nothing is played back here; `ldsim record` does")
         self._reset()
         self.recorder.replay(value, self._shown[0])
+
+
+def rounded_up(value: float) -> float:
+    """The next of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 0.0
+    return next((step * power for step in (1, 2, 5) if step * power >= value), 10 * power)

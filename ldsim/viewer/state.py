@@ -47,7 +47,36 @@ class Audience:
     notice: Callable[[str], object]
 
 
-def space_frame(simulator: Simulator, records: Sequence[StepRecord]) -> SpaceFrame:
+class Errors:
+    """How far the spaces shown are from the full one beside them, now and since the last start from rest."""
+
+    def __init__(self) -> None:
+        self.now: dict[str, float] = {}
+        self._sums: dict[str, float] = {}
+        self._moved = 0.0
+
+    def add(self, shown: Sequence[Simulator]) -> None:
+        """Compare the shapes after a step."""
+        full = next((simulator.displacement() for simulator in shown if simulator.space.basis is None), None)
+        self.now = {}
+        if full is None:
+            return
+        self._moved += float(np.linalg.norm(full, axis=1).mean())
+        for simulator in shown:
+            if simulator.space.basis is not None:
+                name, off = simulator.space.name, np.linalg.norm(simulator.displacement() - full, axis=1).mean()
+                self.now[name] = float(off)
+                self._sums[name] = self._sums.get(name, 0.0) + float(off)
+
+    def of(self, name: str) -> tuple[float, float]:
+        """The mean distance now, metres, and the online error; NaN where nothing is known."""
+        known = name in self.now and self._moved > 0
+        return self.now.get(name, np.nan), self._sums[name] / self._moved if known else np.nan
+
+
+def space_frame(
+    simulator: Simulator, records: Sequence[StepRecord], error: tuple[float, float] = (np.nan, np.nan)
+) -> SpaceFrame:
     """What a frame says of one space and its steps since the last one; of the full space only the surface is sent."""
     q = simulator.coordinates
     if simulator.space.basis is None:
@@ -63,4 +92,5 @@ def space_frame(simulator: Simulator, records: Sequence[StepRecord]) -> SpaceFra
         int(steps[:, 3].max()),
         sum(count for outcome, count in simulator.counts.items() if outcome != Outcome.SOLVED),
         simulator.novelty,
+        *error,
     )

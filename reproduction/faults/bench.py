@@ -43,7 +43,9 @@ class Bench:
         for name in EXPERIMENTS:
             text = (ROOM / f"{name}.yaml").read_text(encoding="utf-8")
             self.config(name).write_text(text, encoding="utf-8")
-            self.config(f"{name}{PICTURES}").write_text(text.replace("pictures: 0", "pictures: 1"), encoding="utf-8")
+            self.config(f"{name}{PICTURES}").write_text(
+                text.replace("pictures: false", "pictures: true"), encoding="utf-8"
+            )
             for stage in STAGES if not (self.whole / name / "report").exists() else ():
                 (said,) = self.alone(partial(self.stage, stage, name, self.whole))
                 assert said == "accepted", f"{stage} of {name}: {said}"

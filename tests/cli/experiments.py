@@ -60,7 +60,7 @@ TINY: dict[str, Any] = {
         "full_frames": 5,
         "statement": {"motions": 5, "pulls": {"count": 1, "seed": 9, "reach": 0.08, "frames": 12, "rest": 4}},
     },
-    "report": {"pictures": 1},
+    "report": {"pictures": True},
 }
 
 

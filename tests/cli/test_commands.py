@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +14,7 @@ from click.testing import CliRunner
 from ldsim import __version__
 from ldsim.cli.app import COMMANDS as KNOWN
 from ldsim.cli.app import main
-from ldsim.settings import STAGES
+from ldsim.settings import STAGES, load_settings, settings_of
 from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment
 
 ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
@@ -46,6 +49,14 @@ def test_a_wrong_call_shows_the_usage(arguments: list[str]) -> None:
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert result.stderr.startswith("Usage: ")
+
+
+@pytest.mark.parametrize("command", ["mesh", "make", "settings"])
+def test_a_mesh_in_place_of_a_configuration_is_told_what_to_do(command: str) -> None:
+    result = CliRunner().invoke(main, [command, "solids/part.STL"])
+    assert result.exit_code == 1
+    assert "is a mesh or surface file, not a configuration; `ldsim new solids/part.STL` looks at it" in result.stderr
+    assert "writes part.yaml, which `ldsim make` takes" in result.stderr
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
@@ -95,3 +106,47 @@ def test_settings_prints_the_configuration_with_defaults(experiment: Experiment)
     assert printed["mesh"]["density"] == 1000.0
     assert set(printed) == {"experiment", *STAGES}
     assert "# its slowest frequencies are " in result.stdout and "# pulls of 80 mm by a spring" in result.stdout
+
+
+def test_the_configuration_that_a_report_shows_makes_the_run_again(experiment: Experiment) -> None:
+    report = json.loads((experiment.run / "report" / "report.json").read_text(encoding="utf-8"))
+    again = settings_of(yaml.safe_load(report["made_from"]["configuration"]), "of the report")
+    given = load_settings(experiment.config)
+    assert again.experiment == given.experiment
+    assert again.snapshot.learned == given.snapshot.learned and again.snapshot.tests == given.snapshot.tests
+    for stage in ("mesh", "pca", "train", "cubature", "simulate"):
+        assert again.section(stage) == given.section(stage), stage
+
+
+WITHOUT_TORCH = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+sys.meta_path.insert(0, Missing())
+from ldsim.cli.app import main
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (
+            ["train", "none.yaml"],
+            1,
+            "error: this command needs PyTorch, which is missing; run pip install 'ldsim[train]'",
+        ),
+        (["play", "none", "--no-browser"], 1, "error: none"),
+        (["export", "none", "--playground"], 1, "error: none"),
+        (["report", "none.yaml"], 1, "error: configuration none.yaml does not exist"),
+    ],
+    ids=["train", "play", "export", "report"],
+)
+def test_without_torch_all_but_training_works_as_ever(arguments: list[str], status: int, said: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_TORCH, *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == status and said in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr

@@ -61,7 +61,7 @@ def test_a_setting_equal_to_its_default_makes_nothing_stale(experiment: Experime
         ("train", "train.learning_rate", 1e-3),
         ("cubature", "cubature.virtual.steps", 50),
         ("simulate", "simulate.max_iterations", 100),
-        ("report", "report.pictures", 2),
+        ("report", "report.pictures", False),
     ],
 )
 def test_a_setting_makes_its_stage_and_what_follows_stale(

@@ -36,7 +36,9 @@ def _name(page: Path) -> str:
     return page.name
 
 
-@pytest.mark.parametrize("name", ["settings.md", "schema.json", "artefacts.md", "commands.md"])
+@pytest.mark.parametrize(
+    "name", ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md"]
+)
 def test_a_generated_page_is_what_the_code_says(name: str) -> None:
     texts = {path.name: text for path, text in _generator().pages().items()}
     committed = (ROOT / "docs" / "reference" / name).read_text("utf-8")

@@ -3,32 +3,49 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from ldsim import Run
+from ldsim import Run, load
 from tests.simulator.playable import write_playable
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide"
 
 
-def run_examples(page: str) -> dict[str, object]:
-    """Run the blocks of a page, each after those before it, and give back the names that they leave."""
+def run_examples(page: str, check: Callable[[dict[str, Any]], None] = lambda _: None) -> dict[str, Any]:
+    """Run the blocks of a page, each after those before it, and give back the names that they leave.
+
+    Args:
+        check: looks at what the first block left.
+    """
     blocks = re.findall(r"^```python\n(.*?)^```", (GUIDE / page).read_text("utf-8"), re.M | re.S)
     assert len(blocks) >= 5
-    names: dict[str, object] = {}
-    for block in blocks:
+    names: dict[str, Any] = {}
+    for i, block in enumerate(blocks):
         exec(compile(block, page, "exec"), names)
+        if i == 0:
+            check(names)
     return names
+
+
+def check_the_first_pull(names: dict[str, Any]) -> None:
+    """What a newcomer runs first moves the solid, towards the target."""
+    pull, tip, unpulled = names["pull"], names["tip"], load("runs/demo")
+    unpulled.step(100)
+    gained = (pull.centroid - unpulled.centroid(pull.vertices)) @ (pull.target - tip)
+    assert gained > 1e-3 * np.linalg.norm(pull.target - tip)  # a millimetre that way, whatever its weight does
+    assert np.linalg.norm(names["u"], axis=1).max() > 0.02 * unpulled.scene.mesh.diagonal
 
 
 def test_the_examples_of_the_simulator_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "runs" / "demo").mkdir(parents=True)
     write_playable(tmp_path / "runs" / "demo", resolution=1)
     monkeypatch.chdir(tmp_path)
-    names = run_examples("simulator.md")
+    names = run_examples("simulator.md", check_the_first_pull)
     first, second = names["ends"]  # type: ignore[misc]
     assert abs(first - second).max() > 1e-5  # type: ignore[has-type]
 
@@ -41,3 +58,13 @@ def test_the_examples_of_the_python_page_run_every_stage(tmp_path: Path, monkeyp
     with Run.open(tmp_path / "runs" / "small") as run:
         full = run.played.reader("others")(39, 40)[0]
     np.testing.assert_allclose(names["u"], full, atol=1e-4)  # type: ignore[arg-type]
+
+
+def test_the_example_of_the_readme_moves_the_solid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "runs" / "demo").mkdir(parents=True)
+    write_playable(tmp_path / "runs" / "demo", resolution=1)
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"^```python\n(.*?)^```", (GUIDE.parents[1] / "README.md").read_text("utf-8"), re.M | re.S)
+    names: dict[str, Any] = {}
+    exec(compile(block, "README.md", "exec"), names)
+    check_the_first_pull(names | {"u": names["sim"].displacement()})

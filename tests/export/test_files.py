@@ -19,6 +19,7 @@ from ldsim.export.playback import Playback, playback
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.surface import Surface
 from ldsim.run import Run
+from ldsim.simulator.fields import FIELDS, VertexField
 from tests.helpers import scene
 
 Array = NDArray[np.float64]
@@ -49,7 +50,14 @@ def test_a_vtu_series_gives_back_cells_positions_displacements_and_times(run: Ru
             np.testing.assert_array_equal(read.cells[0].data, played.mesh.cells)
             np.testing.assert_allclose(read.points, played.mesh.vertices + u, atol=1e-12)
             np.testing.assert_allclose(read.point_data["displacement"], u, rtol=1e-6, atol=1e-9)
+            for field in FIELDS:
+                np.testing.assert_allclose(read.point_data[field], at_vertices(played, field, u), rtol=1e-5, atol=1e-6)
             assert float(time) == pytest.approx((frame + 1) * played.scene.time_step)
+
+
+def at_vertices(played: Playback, field: str, u: Array) -> Array:
+    """A field by the simulator's own class, which is held to a slow loop elsewhere."""
+    return VertexField(played.scene, np.arange(played.mesh.n_vertices))(field, u)
 
 
 def xdmf_data(element: ElementTree.Element, path: Path) -> NDArray[np.generic]:
@@ -81,6 +89,10 @@ def test_xdmf_gives_back_the_mesh_displacements_and_times(run: Run, tmp_path: Pa
             np.testing.assert_array_equal(xdmf_data(geometry, path), played.mesh.vertices)
             expected = played.displacement(frame)
             np.testing.assert_allclose(xdmf_data(field, path), expected, rtol=1e-6, atol=1e-9)
+            scalars = {each.attrib["Name"]: xdmf_data(each, path) for each in grid.findall("Attribute")[1:]}
+            assert set(scalars) == set(FIELDS)
+            for name, values in scalars.items():
+                np.testing.assert_allclose(values, at_vertices(played, name, expected), rtol=1e-5, atol=1e-6)
             assert float(time.attrib["Value"]) == pytest.approx((frame + 1) * played.scene.time_step)
 
 

@@ -10,6 +10,7 @@ def example_report() -> dict[str, Any]:
     return {
         "experiment": "x",
         "created": "2030-01-02T03:04:05Z",
+        "verdict": {"word": "usable", "why": "the latent space is so so."},
         "machine": {"cpu": "a processor", "cores": 3, "gpu": None, "versions": {"ldsim": "0.1.0", "numpy": "2.4.6"}},
         "mesh": {"vertices": 8141, "cells": 29687, "cell_type": "tet4", "quadrature_points": 29688},
         "kind": "autoencoder",
@@ -72,7 +73,11 @@ def example_report() -> dict[str, Any]:
             {"error": None, "pulls": 11, "seconds": 131.5, "changed": "train.condensed.rounds 4"},
             {"error": 0.0437, "pulls": 11, "seconds": 118.2, "changed": ""},
         ],
-        "made_from": {"settings": "pictures: 3\n", "inputs": {"scene": "b1946ac9", "model": "591785b7"}},
+        "made_from": {
+            "configuration": "experiment: x\n",
+            "settings": "pictures: true\n",
+            "inputs": {"scene": "b1946ac9", "model": "591785b7"},
+        },
         "stages": {
             "mesh": {"seconds": 1.92, "peak_memory_mb": 412.3},
             "train": {"seconds": 17.3, "peak_memory_mb": 811.9},

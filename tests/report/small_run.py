@@ -54,7 +54,7 @@ snapshot:
     - {{name: pull_1, pulls: {{count: 1, reach: 0.1}}}}
     - {{name: push, role: validation, pulls: {{count: 1, reach: 0.1}}}}
 cubature: {{tolerance: 0.06}}
-report: {{pictures: 0}}
+report: {{pictures: false}}
 """
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
-from ldsim.report.drawing import animation, draw_mesh, png, side_by_side
+from ldsim.report.drawing import animation, draw_mesh, side_by_side
 
 FRONT = View(azimuth=0.0, elevation=0.0)
 BOX = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -112,17 +112,20 @@ def test_an_eye_at_no_distance_is_refused():
 
 def test_poses_stand_side_by_side_in_one_framing():
     vertices, triangles = cube()
+    view = look_at(vertices[None])
     poses = [("left", vertices), ("right", vertices)]
-    image = np.asarray(Image.open(BytesIO(png(side_by_side(poses, triangles, width=400)))))
+    image = np.asarray(side_by_side(poses, triangles, view, limits_of(view, vertices[None]), width=400))
     assert image.shape[1] == 400
     body = image[20:]
     np.testing.assert_array_equal(body[:, :200], body[:, 200:])
 
 
-def test_colours_show_the_distance_to_the_reference():
+def test_colours_show_the_distance_to_the_first():
     vertices, triangles = cube()
     poses = [("same", vertices), ("moved", vertices + [0.0, 0.0, 0.2])]
-    image = np.asarray(side_by_side(poses, triangles, reference=vertices, width=400)).astype(int)
+    view = look_at(np.stack([positions for _, positions in poses]))
+    limits = limits_of(view, np.stack([positions for _, positions in poses]))
+    image = np.asarray(side_by_side(poses, triangles, view, limits, width=400, most=0.2)).astype(int)
     middle = image.shape[0] // 3
     warmth = image[..., 0] - image[..., 2]
     assert abs(warmth[middle, 100]) < 40 < warmth[middle, 300]

@@ -6,6 +6,7 @@ import json
 import re
 from base64 import b64decode
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -153,3 +154,20 @@ def test_quantising_loses_half_a_step_at_most():
     step = (np.abs(modes).max(axis=0) * np.abs(rows).max(axis=0)).sum() / 32767
     assert np.abs((found * scales) @ small.T - rows @ modes.T).max() <= 1.01 * step
     assert np.abs(small).max() <= 32767 and np.abs(found).max() <= 32767
+
+
+def test_a_finished_run_is_shown_to_its_end_however_far_a_vertex_was_off(run):
+    """Only a run that diverged ends early; a vertex that is far off in a frame neither hides it nor sets the view."""
+    with Run(run.folder, run.experiment) as other:
+        spaces = dict(other.simulation)
+        latent, diagonal = spaces["latent"]["push"], other.scene.mesh.diagonal
+        q, far = latent.coordinates.copy(), latent.max_error.copy()
+        q[3] *= 2 * diagonal / np.abs(q[3]).max()
+        far[3] = 2 * diagonal
+        spaces["latent"] = spaces["latent"] | {"push": replace(latent, coordinates=q, max_error=far)}
+        data = json.loads(make_replay(changed(other, "simulation", spaces)).data)
+    with Run(run.folder, run.experiment) as plain:
+        box = json.loads(make_replay(plain).data)
+    ends = {shown["space"]: shown["frames"] for shown in data["motions"][0]["spaces"]}
+    assert ends == {"full": FRAMES["push"], "linear": LOST_FROM, "latent": FRAMES["push"]}
+    np.testing.assert_allclose([data["low"], data["high"]], [box["low"], box["high"]], atol=0.05 * diagonal)

@@ -15,17 +15,20 @@ import pytest
 from PIL import Image
 
 from ldsim.optimise.solution import Reason
-from ldsim.report import report as report_module
+from ldsim.report import pictures as pictures_module
 from ldsim.report.numbers import collect
 from ldsim.report.options import ReportOptions
-from ldsim.report.pictures import mean_displacement, moments, peaks
+from ldsim.report.pictures import mean_displacement
 from ldsim.report.report import Report, Wanted, build_report, write_report
-from ldsim.report.schema import STAGES, check_report
+from ldsim.report.schema import STAGES, RunNumbers, check_report
+from ldsim.report.verdict import verdict
+from ldsim.report.wording import readable
 from ldsim.run import REDUCED, SPACES, Run
+from tests.report.example_report import example_report
 from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
 
 COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
-WANTED = Wanted(pictures=0, cubature_tolerance=0.11, training_tolerance_mm=100.0)
+WANTED = Wanted(pictures=False, cubature_tolerance=0.11, training_tolerance_mm=100.0)
 MOTIONS = list(FRAMES)
 # The frames of every motion that the full space was timed on, from its first drag on.
 STRETCH = slice(2, 2 + FULL_FRAMES)
@@ -288,48 +291,45 @@ def test_missed_tolerances_are_named(folder):
     assert sum("0.5 mm were asked for (train.tolerance_mm)" in text for text in found) == 1
 
 
-def test_pictures_are_of_held_out_motions_and_the_first_training_motion(folder):
+def test_the_animation_is_of_the_motion_that_judges(folder, monkeypatch):
+    monkeypatch.setattr(pictures_module, "FEWEST_FRAMES", 2)
     with finished_run(folder) as run:
-        report = built(run, replace(WANTED, pictures=2))
-        shown = moments(run, 2)
-        largest = {name: int(np.argmax(mean_displacement(run, name))) for name in MOTIONS}
-    stills = [picture for picture in report.pictures if picture.file.endswith(".png")]
-    assert [picture.file for picture in stills] == [f"{m.motion}_{m.frame:05d}.png" for m in shown]
-    assert [m.motion for m in shown] == ["push", "push", "pull_1", "pull_1"]
-    assert all(any((m.motion, m.frame) == item for m in shown) for item in largest.items())
-    assert [picture.file for picture in report.pictures if picture.file.endswith(".webp")] == ["pull_1.webp"]
-    for picture in report.pictures:
-        assert picture.caption in report.page
-    animated = Image.open(BytesIO(report.pictures[0].data))
-    assert getattr(animated, "n_frames", 1) == FRAMES["pull_1"]
+        report = built(run, replace(WANTED, pictures=True))
+        assert int(np.argmax(mean_displacement(run, "push"))) < FRAMES["push"]
+    assert report.picture.file == "push.webp" and report.picture.caption in report.page
+    animated = Image.open(BytesIO(report.picture.data))
+    assert getattr(animated, "n_frames", 1) == FRAMES["push"]
 
 
-def test_a_picture_leaves_out_what_is_lost_and_says_so(lost_folder):
-    with finished_run(lost_folder) as run:
-        pictures = built(run, replace(WANTED, pictures=2)).pictures
-    late = [p for p in pictures if p.file.startswith("push") and int(p.file[-9:-4]) >= LOST_FROM]
-    assert late and all("linear has diverged" in picture.caption for picture in late)
+def test_a_verdict_is_the_worst_motion_of_the_role_that_judges(numbers):
+    worst = max(
+        run["online_error"] for run in numbers["frontier"] if run["role"] == "validation" and run["space"] == "latent"
+    )
+    word = "good" if worst <= 0.1 else "usable" if worst <= 0.3 else "do not use"
+    assert numbers["verdict"]["word"] == word
+    assert f"within {readable(100 * worst)} % " in numbers["verdict"]["why"]
 
 
-def test_pictures_beyond_the_budget_stay_out_of_the_page(folder, monkeypatch):
-    with finished_run(folder) as run:
-        monkeypatch.setattr(report_module, "PAGE_PICTURE_BYTES", 0)
-        report = built(run, replace(WANTED, pictures=1))
-    assert len(report.pictures) == 3 and "<img" not in report.page
+@pytest.mark.parametrize(
+    ("error", "word"), [(0.09, "good"), (0.29, "usable"), (0.31, "do not use"), (None, "do not use")]
+)
+def test_a_verdict_in_words(error, word):
+    report = example_report() | {"statement": None}
+    report["frontier"][0]["online_error"] = error
+    report["simulate"]["latent"][1]["diverged"] = error is None
+    found = verdict(RunNumbers.model_validate(report))
+    assert found.word == word and found.why.startswith("the latent space of 10 numbers")
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 7, 40])
-def test_peaks_are_the_largest_and_apart(count):
-    values = np.random.default_rng(3).normal(size=37).cumsum()
-    found = peaks(values, count)
-    assert len(found) == min(count, 37)
-    assert count == 0 or int(values.argmax()) in found
-    assert all(b - a >= max(37 // (2 * count), 1) for a, b in zip(found, found[1:], strict=False))
+def test_a_statement_is_the_verdict_where_there_is_one():
+    assert verdict(RunNumbers.model_validate(example_report())).why.startswith(
+        "the latent space of 10 numbers stays within 4.63 %"
+    )
 
 
 def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     with finished_run(folder) as run:
-        report = built(run, replace(WANTED, pictures=1))
+        report = built(run, replace(WANTED, pictures=True))
     target = tmp_path / "report"
     target.mkdir()
     (target / "old").write_text("stale")
@@ -339,7 +339,7 @@ def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     assert files == {
         *("report.json", "report.html"),
         *(f"figures/{name}.{kind}" for name in report.figures for kind in ("svg", "json")),
-        *(f"pictures/{picture.file}" for picture in report.pictures),
+        *([f"pictures/{report.picture.file}"] if report.picture else []),
     }
     page = (target / "report.html").stat().st_mtime_ns
     assert all((target / name).stat().st_mtime_ns <= page for name in files)

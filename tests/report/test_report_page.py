@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not instal
 
 READY = "document.readyState === 'complete' && [...document.querySelectorAll('.plot')].every((frame) => frame.plot)"
 REPLAY = "document.querySelector('.replay').replay"
-PLOT = "document.querySelector('.plot').plot"  # of error_against_k, the first figure
+PLOT = "document.querySelector('#hold .plot').plot"  # of error_against_k, the first figure
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def page(folder: Path) -> Path:
     with finished_run(folder) as run:
         figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, 0.06).items()}
-        text = render_page(RunNumbers.model_validate(example_report()), figures, {}, make_replay(run))
+        text = render_page(RunNumbers.model_validate(example_report()), figures, None, make_replay(run))
     path = folder / "report.html"
     path.write_text(text, encoding="utf-8")
     return path
@@ -189,7 +189,7 @@ def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, folder: P
 
 def place_of(tab: Tab, curve: int, index: int) -> tuple[float, float]:
     """Where a point of the first figure's curve is on the screen."""
-    middle(tab, ".plot svg")
+    middle(tab, "#hold .plot svg")
     x, y = tab.evaluate(
         f"(() => {{ const p = {PLOT}, [x, y] = p.curves[{curve}].points[{index}], b = p.svg.getBoundingClientRect(), "
         "unit = b.width / 374; return [b.left + p.x.place(x) * unit, b.top + p.y.place(y) * unit]; })()"
@@ -233,7 +233,7 @@ def test_a_drag_zooms_the_range_of_an_axis_and_a_double_click_takes_it_back(open
 
 
 def test_keys_walk_along_a_curve_change_it_and_zoom(opened: Tab) -> None:
-    opened.evaluate("document.querySelector('.plot').focus()")
+    opened.evaluate("document.querySelector('#hold .plot').focus()")
     for key in ("ArrowRight", "ArrowRight"):
         press(opened, key)
     assert "number of PCA modes: 1" in opened.evaluate(f"{PLOT}.told.textContent")

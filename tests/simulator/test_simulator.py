@@ -23,8 +23,10 @@ from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
+from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
+from ldsim.space.pca import orthonormalised
 from reproduction.bench.soak import soak
 from tests.helpers import reduced_space
 from tests.simulator.playable import curved_decoder, modes, solid
@@ -344,3 +346,73 @@ def test_pins_that_a_space_was_not_prepared_for_are_refused_and_the_state_kept()
     np.testing.assert_array_equal(simulator.displacement(), before)
     simulator.set_pins(())
     assert simulator.step().outcome == Outcome.SOLVED
+
+
+def test_a_grab_at_a_pinned_point_warns_and_one_beside_it_does_not() -> None:
+    simulator = full_simulator(BODY)
+    pinned = BODY.mesh.vertices[BODY.pinned][0]
+    with pytest.warns(UserWarning, match="is pinned and will not move"):
+        simulator.grab(pinned, pinned + UP, radius=0.2)
+    simulator.grab(TIP, TIP + UP)
+
+
+def test_a_name_that_is_none_of_its_own_is_refused() -> None:
+    with pytest.raises(AttributeError):
+        full_simulator(BODY).gravityy = (0, 0, 0)  # type: ignore[attr-defined]
+
+
+def test_it_says_in_a_line_what_it_is() -> None:
+    simulator = reduced()
+    simulator.grab(TIP, TIP + UP)
+    simulator.step(2)
+    assert repr(simulator) == (
+        f"<Simulator: {simulator.space.name} space of 9 numbers, {BODY.mesh.n_vertices:,} vertices, "
+        f"at {2 * BODY.time_step:.4g} s with 1 grabs>"
+    )
+
+
+@kinds
+def test_velocity_is_what_a_step_moved_over_its_time(kind: int) -> None:
+    simulator = every_kind()[kind]
+    assert not simulator.velocity().any()
+    simulator.grab(TIP, TIP + UP)
+    simulator.step(3)
+    before, some = simulator.displacement(), np.array([4, 2])
+    simulator.step()
+    speed = (simulator.displacement() - before) / BODY.time_step
+    assert np.abs(speed).max() > 1e-3
+    np.testing.assert_allclose(simulator.velocity(), speed, atol=1e-9)
+    np.testing.assert_array_equal(simulator.velocity(some), simulator.velocity()[some])
+    np.testing.assert_array_equal(simulator.displacement(some), simulator.displacement()[some])
+
+
+def test_energy_and_centre_of_mass_are_those_of_the_whole_mesh() -> None:
+    simulator = full_simulator(BODY)
+    mass = BODY.vertex_mass
+    np.testing.assert_allclose(simulator.centre_of_mass, mass @ BODY.mesh.vertices / mass.sum())
+    assert simulator.elastic_energy == pytest.approx(0, abs=1e-12) and simulator.stress().max() < 1e-6
+    simulator.step(20)  # it sags
+    sunk = mass @ simulator.displacement() / mass.sum()
+    np.testing.assert_allclose(simulator.centre_of_mass, mass @ BODY.mesh.vertices / mass.sum() + sunk)
+    work = mass.sum() * float(BODY.gravity @ sunk)
+    assert 0 < simulator.elastic_energy < work  # of the weight
+    assert simulator.stress().shape == (BODY.mesh.n_vertices,) and simulator.stress().max() > 1
+
+
+def test_following_takes_over_shape_velocity_and_grabs() -> None:
+    """A complete linear space and the full one go on alike, whichever follows."""
+    U = orthonormalised(unit_basis(BODY), inner_product(BODY.mass, "mass")).matrix
+    simulators = [full_simulator(BODY, 1e-9), reduced(U=U, decoder=Decoder.identity(U.shape[1]))]
+    for first, second in (simulators, simulators[::-1]):
+        first.reset()
+        pull = first.grab(TIP, TIP + UP)
+        first.step(4)
+        second.follow(first)
+        np.testing.assert_allclose(second.displacement(), first.displacement(), atol=1e-9)
+        np.testing.assert_allclose(second.velocity(), first.velocity(), atol=1e-7)
+        pull.on(second).move(TIP - UP)
+        pull.move(TIP - UP)
+        first.step(3)
+        second.step(3)
+        assert second.time == first.time
+        np.testing.assert_allclose(second.displacement(), first.displacement(), atol=1e-7)

@@ -254,7 +254,7 @@ def test_a_pull_is_recorded_in_the_browser_and_played_back(browser: Tab, tmp_pat
             tab.mouse("mouseReleased", (x, y - 60))
             tab.wait("ldsim.grabs === 0")
             click(tab, "record")
-            tab.wait("document.getElementById('file').textContent.includes('13 frames')")
+            tab.wait("document.getElementById('takes').textContent.includes('motion · 13 frames')")
             motion = read_recording(tmp_path / "motion.csv", "m")
             assert [(drag.start, drag.stop) for drag in motion.drags] == [(3, 13)]
             click(tab, "replay")

@@ -94,3 +94,29 @@ def test_a_file_that_cannot_be_written_is_told_before_anything_is_recorded(tmp_p
     recorder.record(True)
     with pytest.raises(MotionError, match="cannot be written"):
         recorder.record(False)
+
+
+def test_every_recording_is_a_take_until_it_is_deleted(tmp_path: Path) -> None:
+    recorder, simulator, _ = record(tmp_path / "m.csv")
+    recorder.record(True)
+    steps(recorder, simulator, 5)
+    recorder.record(False)
+    assert recorder.status()["takes"] == {"m": 14, "m-2": 5} and recorder.take == "m-2"
+    assert read_recording(tmp_path / "m.csv", "m").frames == 14
+    recorder.choose("m")
+    recorder.replay(True, simulator)
+    steps(recorder, simulator, 14)
+    assert recorder.replaying
+    recorder.replay(False, simulator)
+    recorder.discard("m")
+    assert recorder.take == "m-2" and not (tmp_path / "m.csv").exists() and (tmp_path / "m-2.csv").exists()
+    with pytest.raises(MotionError, match="there is no take 'm'; there are m-2"):
+        recorder.choose("m")
+
+
+def test_a_motion_that_was_given_is_forgotten_but_its_file_is_kept(tmp_path: Path) -> None:
+    record(tmp_path / "given.csv")
+    given = read_recording(tmp_path / "given.csv", "given")
+    recorder = Recorder(tmp_path / "m.csv", 25.0, 0.03, {}, given)
+    recorder.discard("given")
+    assert recorder.status()["takes"] == {} and (tmp_path / "given.csv").exists()

@@ -64,7 +64,7 @@ def next_frame(page: Any) -> bytes:
 
 def coordinates(frame: bytes) -> np.ndarray:
     (count,) = struct.unpack_from("<I", frame, 24)
-    return np.frombuffer(frame, "<f4", count, 52)
+    return np.frombuffer(frame, "<f4", count, 60)
 
 
 def block(content: bytes) -> dict[str, Any]:
@@ -175,9 +175,9 @@ def test_a_frame_is_small_and_holds_what_the_api_says(run: Path, url: str) -> No
             assert time.monotonic() < end
         assert len(frame) <= 4096
         assert len(coordinates(frame)) == K and np.abs(sim.coordinates).max() > 1e-3
-        (id,) = struct.unpack_from("<I", frame, 52 + 4 * K)
+        (id,) = struct.unpack_from("<I", frame, 60 + 4 * K)
         assert id == 7
-        np.testing.assert_allclose(np.frombuffer(frame, "<f4", 3, 56 + 4 * K), target, rtol=1e-6)
+        np.testing.assert_allclose(np.frombuffer(frame, "<f4", 3, 64 + 4 * K), target, rtol=1e-6)
         page.send('{"kind": "gravity", "value": [0, -9.81, 0]}')
         page.send('{"kind": "pause", "value": false}')
 

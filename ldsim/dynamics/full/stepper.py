@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
@@ -25,6 +26,7 @@ from ldsim.dynamics.simulate import Frame
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import smallest_volume_ratio
 from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Solution
@@ -92,6 +94,15 @@ class FullStepper:
         """The undeformed solid, without velocity."""
         zero = np.zeros((self.scene.mesh.n_vertices, 3))
         return FullState.moving(zero, zero)
+
+    def state(
+        self,
+        u: NDArray[np.floating],
+        u_previous: NDArray[np.floating],
+        pins: tuple[Sequence[MovedPins], Sequence[MovedPins]] = ((), ()),
+    ) -> FullState:
+        """The state of two frames, the last and the one before, (n, 3) metres each."""
+        return FullState.moving(np.array(u, dtype=np.float64), np.array(u_previous, dtype=np.float64))
 
     def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""

@@ -24,6 +24,14 @@ export function pull([x1, y1], [x2, y2], radius) {
 /** A number with so many significant digits and no zeros behind. */
 export const digits = (value, count = 3) => String(Number(value.toPrecision(count)));
 
+const PREFIXES = { "-1": "m", 0: "", 1: "k", 2: "M" };
+
+/** A number with three digits and the prefix of its unit. */
+export function short(value) {
+  const power = value > 0 ? Math.max(-1, Math.min(2, Math.floor(Math.log10(value) / 3))) : 0;
+  return `${digits(value / 1000 ** power)} ${PREFIXES[power]}`;
+}
+
 /** A number with so many places, a dash where there is none. */
 export const fixed = (value, places) => (Number.isFinite(value) ? value.toFixed(places) : "–");
 

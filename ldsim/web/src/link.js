@@ -4,7 +4,7 @@ import { fetchBlock } from "./arrays.js";
 
 const RETRY = 1000;
 
-const SPACE = "Uint32 count,Float32 milliseconds,Float32 iterations,Float32 evaluations,Uint32 outcome,Uint32 troubled,Float32 novelty";
+const SPACE = "Uint32 count,Float32 milliseconds,Float32 iterations,Float32 evaluations,Uint32 outcome,Uint32 troubled,Float32 novelty,Float32 distance,Float32 error";
 
 /** The frame in a binary message, as `frame_bytes` in Python writes it. */
 function readFrame(buffer) {
@@ -14,8 +14,8 @@ function readFrame(buffer) {
   for (let i = 0; i < spaceCount; i++) {
     const fields = SPACE.split(",").map((field) => field.split(" "));
     const space = Object.fromEntries(fields.map(([type, name], n) => [name, view[`get${type}`](at + 4 * n, true)]));
-    spaces.push({ ...space, q: new Float32Array(buffer, at + 28, space.count) });
-    at += 28 + 4 * space.count;
+    spaces.push({ ...space, q: new Float32Array(buffer, at + 36, space.count) });
+    at += 36 + 4 * space.count;
   }
   for (let i = 0; i < grabCount; i++) {
     const values = new Float32Array(buffer, at + 4, 3 + 3 * spaceCount);

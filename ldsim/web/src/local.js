@@ -39,7 +39,7 @@ export class Local {
       triangles: Uint32Array.from(triangles, (v) => number.get(v)),
       pinned: Uint32Array.from(surface, (v) => 1 - movable[v]),
     };
-    Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0 });
+    Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0, records: [] });
     this.spaces(["latent"]);
   }
 
@@ -100,7 +100,7 @@ export class Local {
     this.number += 1;
     const idle = { milliseconds: 0, iterations: 0, evaluations: 0, outcome: 0 };
     const spaces = this.shown.map(({ features, novelty }, i) => {
-      return { ...(this.records[i] ?? idle), q: Float32Array.from(features), troubled: 0, novelty };
+      return { ...(this.records[i] ?? idle), q: Float32Array.from(features), troubled: 0, novelty, distance: NaN, error: NaN };
     });
     const grabs = Array.from(this.pulls, ([id, { target, grabs }]) => {
       return { id, target, centroids: grabs.flatMap((grab, i) => this.shown[i].centroid(grab)) };
@@ -155,10 +155,20 @@ export class Local {
     Object.assign(this, { records: [], failures: 0, owed: 0, seconds: 0 });
   }
 
+  /** Those that go on keep their pose; one that comes begins at rest, under the same pulls. */
   spaces(names) {
+    const place = new Map(this.names?.map((name, i) => [name, i]));
+    const kept = (list, name, other) => (place.has(name) ? list[place.get(name)] : other());
+    this.records = names.map((name) => kept(this.records, name, () => undefined));
+    for (const name of names) if (!place.has(name)) this.solids[name].reset();
+    for (const pull of this.pulls.values()) {
+      const grabs = names.map((name) => kept(pull.grabs, name, () => this.solids[name].grab(pull.held, pull.target, this.pull.stiffness)));
+      pull.grips = names.map((name, i) => kept(pull.grips, name, () => this.solids[name].centroid(grabs[i])));
+      pull.grabs = grabs;
+    }
     this.names = names;
     this.shown = names.map((name) => this.solids[name]);
-    this.reset();
+    for (const [id, { target }] of this.pulls) this.move({ id, target });
     this.condition();
   }
 }

@@ -1,10 +1,11 @@
 // The controls and the numbers beside the picture.
 
-import { byId, fixed, gradient, make } from "./dom.js";
+import { byId, digits, fixed, gradient, make } from "./dom.js";
 
 const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
+const NARROW = 640; // pixels of a window in which the controls would cover the solid: they begin folded
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
-const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset" };
+const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", 0: "home", c: "capture", "?": "help", h: "help" };
 const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
 
 export class Panel {
@@ -28,9 +29,15 @@ export class Panel {
     byId("points").onchange = () => local.points(byId("points").checked);
     byId("wireframe").onchange = () => local.wireframe(byId("wireframe").checked);
     byId("theme").onclick = () => local.theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    byId("home").onclick = () => local.home();
+    byId("capture").onclick = () => local.capture();
+    byId("help").onclick = () => byId("manual").showModal();
+    if (innerWidth <= NARROW) document.body.classList.add("folded");
     byId("fold").onclick = () => document.body.classList.toggle("folded");
     byId("record").onclick = () => send("record", { value: !this.status.recorder.recording });
     byId("replay").onclick = () => send("replay", { value: !this.status.recorder.replaying });
+    byId("takes").onchange = () => send("take", { value: byId("takes").value });
+    byId("discard").onclick = () => send("discard", { value: this.status.recorder.take });
     // What only a server computes is not offered where the page steps by itself.
     if (solid.mode === "local") for (const element of document.querySelectorAll("[data-served]")) element.remove();
     this.makeTilt();
@@ -88,11 +95,16 @@ export class Panel {
     byId("recorder").hidden = status.recorder === null;
     document.body.classList.toggle("recording", Boolean(status.recorder?.recording));
     if (!status.recorder) return;
-    const { recording, replaying, frames, file } = status.recorder;
+    const { recording, replaying, takes, take, file } = status.recorder, busy = recording || replaying;
     byId("record").textContent = recording ? "■ Stop" : "● Record";
     byId("replay").textContent = replaying ? "■ Stop" : "▶ Play back";
-    byId("replay").disabled = recording || frames === 0;
-    byId("file").textContent = frames ? `${file} · ${frames} frames` : file;
+    byId("replay").disabled = recording || !take;
+    byId("file").textContent = take ? "" : `A take goes to ${file}.`;
+    byId("take").hidden = !take;
+    for (const name of ["takes", "discard"]) byId(name).disabled = busy;
+    const entries = Object.entries(takes).map(([name, frames]) => make("option", { value: name }, `${name} · ${frames} frames`));
+    byId("takes").replaceChildren(...entries);
+    byId("takes").value = take;
   }
 
   showSpaces({ offered, spaces }) {
@@ -110,19 +122,30 @@ export class Panel {
     byId("spaces").replaceChildren(...buttons);
   }
 
-  /** Numbers of a frame; twice a second. */
+  /** Numbers of a frame, twice a second; gives back what the label of each solid says. */
   statistics(frame, spaces, pictures) {
     const { seconds, bytes, share } = frame;
     const cost = bytes ? `${bytes} B a frame` : `${Math.round(100 * share)} % of real time`;
-    byId("fps").textContent = `${fixed(pictures, 0)} pictures/s · ${fixed(seconds, 1)} s simulated · ${cost}`;
-    const rows = frame.spaces.map(({ milliseconds, iterations, evaluations, outcome, troubled, novelty }, i) => {
+    byId("clock").textContent = `${fixed(seconds, 2)} s simulated`;
+    const counts = frame.spaces.map(({ iterations, evaluations }, i) => {
+      return `${NAMES[spaces[i]]}: ${fixed(iterations, 1)} iterations, ${fixed(evaluations, 1)} evaluations a step`;
+    });
+    byId("details").textContent = [...counts, `${fixed(pictures, 0)} pictures/s`, cost].join(" · ");
+    const rows = frame.spaces.map(({ milliseconds, outcome, troubled, novelty, distance, error }, i) => {
       const time = frame.paused && !milliseconds ? "–" : `${fixed(milliseconds, milliseconds < 1 ? 3 : 1)} ms`;
       const state = OUTCOMES[outcome] || (novelty > 1 ? "unfamiliar" : troubled ? `${troubled} not solved` : "fine");
-      const cells = [time, fixed(iterations, 1), fixed(evaluations, 1), state].map((text) => make("td", {}, text));
-      const name = `${spaces[i]} ${outcome > 1 || novelty > 1 ? "alarming" : ""}`;
-      return make("tr", { class: name }, make("th", {}, NAMES[spaces[i]]), ...cells);
+      const off = Number.isFinite(distance) ? `${digits(1000 * distance, 2)} mm` : "";
+      const whole = Number.isFinite(error) ? `${digits(100 * error, 2)} %` : "";
+      const alarming = outcome > 1 || novelty > 1 ? "alarming" : "";
+      return { name: spaces[i], time, state, off, whole, alarming };
     });
-    byId("statistics").replaceChildren(...rows);
+    byId("statistics").replaceChildren(...rows.map(({ name, time, state, alarming }) => {
+      const cells = [time, state].map((text) => make("td", {}, text));
+      return make("tr", { class: `${name} ${alarming}` }, make("th", {}, NAMES[name]), ...cells);
+    }));
+    return rows.map(({ name, time, off, whole }) => {
+      return [make("b", {}, NAMES[name]), ` ${time}`, ...(off ? [make("br"), `${off} off, ${whole} so far`] : [])];
+    });
   }
 
   /** The ends of the colour scale, or null for none. */

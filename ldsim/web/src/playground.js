@@ -1,6 +1,6 @@
 // The playground: draws what a server or the page itself steps, and tells it what the hand and the controls do.
 
-import { byId, digits, everyPicture, onThemeChange } from "./dom.js";
+import { byId, everyPicture, make, onThemeChange, short } from "./dom.js";
 import { Hand } from "./hand.js";
 import { Link } from "./link.js";
 import { Local } from "./local.js";
@@ -8,24 +8,21 @@ import { Panel } from "./panel.js";
 import { Stage } from "./stage.js";
 
 const UNITS = { energy: "J/m³", stress: "Pa" };
-const PREFIXES = { "-1": "m", 0: "", 1: "k", 2: "M" };
-
-/** A number with three digits and a unit prefix. */
-function short(value) {
-  const power = value > 0 ? Math.max(-1, Math.min(2, Math.floor(Math.log10(value) / 3))) : 0;
-  return `${digits(value / 1000 ** power)} ${PREFIXES[power]}`;
-}
-
 class Page {
   /** source: a Link to the server, or what steps in the page; solid: its block. */
   constructor(source, solid) {
     Object.assign(this, { source, solid, blocks: new Map(), shown: [], frame: null, times: [], drawn: 0 });
     const options = Object.fromEntries(new URLSearchParams(location.search));
     this.stage = new Stage(byId("stage"), solid, options);
-    const send = (kind, values) => source.send(kind, values);
+    const send = (kind, values) => {
+      if (kind === "grab" && this.panel.status.paused) this.panel.notice("Paused: the solid follows the pull when time goes on (space, or ▶).");
+      source.send(kind, values);
+    };
     this.panel = new Panel(solid, this.stage.axes, send, {
       theme: (name) => this.setTheme(name),
       colour: (name) => this.setColour(name),
+      home: () => this.stage.camera.reset(),
+      capture: () => this.capture(),
       points: (visible) => this.stage.shapes.forEach((shape) => shape.setPoints(visible)),
       wireframe: (on) => this.stage.shapes.forEach(({ body }) => (body.wire = on)),
     });
@@ -53,6 +50,16 @@ class Page {
       if (rule.ofDark) rule.media.mediaText = name === "dark" ? "all" : "not all";
     }
     this.stage.readColours();
+  }
+
+  /** The picture as a file. */
+  capture() {
+    this.stage.draw(); // in this turn, while the canvas still holds it
+    byId("stage").toBlob((blob) => {
+      const link = make("a", { href: URL.createObjectURL(blob), download: `${this.solid.title}.png` });
+      link.click();
+      URL.revokeObjectURL(link.href);
+    });
   }
 
   setLost(lost) {
@@ -116,7 +123,8 @@ class Page {
   statistics() {
     if (!this.frame || this.frame.spaces.length !== this.shown.length) return;
     const span = this.times.at(-1) - this.times[0];
-    this.panel.statistics(this.frame, this.shown, (1000 * (this.times.length - 1)) / span);
+    const said = this.panel.statistics(this.frame, this.shown, (1000 * (this.times.length - 1)) / span);
+    this.stage.shapes.forEach(({ label }, i) => label.replaceChildren(...said[i]));
   }
 
   /** For tests: what is drawn, where, and how. */

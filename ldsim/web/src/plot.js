@@ -164,6 +164,9 @@ export class Plot {
       const [begin, end] = ends.map((value) => x.place(value));
       put(inside, "rect", { ...area, class: "shade", x: begin, width: end - begin });
     }
+    this.taken = this.curves.filter(({ kind }) => kind === "marks").flatMap(({ scales: [X, Y], points }) => {
+      return points.map(([a, b]) => [X.place(a) - 4, Y.place(b) - 4, X.place(a) + 4, Y.place(b) + 4]);
+    });
     for (const series of this.series) this.drawSeries(series, put(inside, "g", tone(series)));
     for (const guide of data.guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, put(inside, "g", tone(guide)));
     this.choice = put(svg, "rect", { class: "choice", style: "display: none" });
@@ -191,12 +194,29 @@ export class Plot {
     if (right) text("x", aside(WIDTH - 4), right.label);
   }
 
+  /** Of some boxes (left, top, right, bottom) for a text, the number of the first that nothing lies in, or else the first. */
+  free(boxes) {
+    const apart = (a, b) => a[2] < b[0] || b[2] < a[0] || a[3] < b[1] || b[3] < a[1];
+    const inside = ([left, top, right, base]) => left >= this.x.from && right <= this.x.to && top > this.y.to - 10 && base < this.y.from;
+    const found = Math.max(boxes.findIndex((box) => inside(box) && this.taken.every((other) => apart(box, other))), 0);
+    this.taken.push(boxes[found]);
+    return found;
+  }
+
   drawGuide({ at, text, axis, at_start: atStart }, group) {
     const { x, y } = this, place = this[axis].place(at), upright = axis === "x";
     group.setAttribute("class", words("guide", upright && "upright"));
     put(group, "path", { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
-    if (upright) put(group, "text", { class: "y", transform: `translate(${place - 3} ${y.to + 2}) rotate(-90)` }, text);
-    else put(group, "text", { class: atStart ? "" : "y", x: atStart ? x.from + 4 : x.to - 3, y: place - 3 }, text);
+    const long = 0.85 * LETTER * text.length;
+    if (upright) {
+      const sides = [place - 3, place + 9], i = this.free(sides.map((side) => [side - 8, y.to, side + 1, y.to + long]));
+      put(group, "text", { class: "y", transform: `translate(${sides[i]} ${y.to + 2}) rotate(-90)` }, text);
+      return;
+    }
+    const ends = [[x.to - 3 - long, place - 3], [x.from + 4, place - 3], [x.to - 3 - long, place + 9], [x.from + 4, place + 9]];
+    if (atStart) ends.reverse();
+    const [left, base] = ends[this.free(ends.map(([from, under]) => [from, under - 8, from + long, under + 1]))];
+    put(group, "text", { x: left, y: base }, text);
   }
 
   drawSeries(series, group) {
@@ -206,7 +226,10 @@ export class Plot {
     if (series.kind !== "marks") putLine(group, series, `M${places.join("L")}`);
     for (const place of marked) putMark(group, series, line ? 2.2 : 3.6, `translate(${place})`);
     for (const [i, label] of series.labels.entries()) {
-      put(group, "text", { class: "label", x: x.place(series.x[i]) + 7, y: y.place(series.y[i]) - 4 }, label);
+      const [a, b] = [x.place(series.x[i]), y.place(series.y[i])], long = 0.85 * LETTER * label.length;
+      const sides = [[a + 7, b - 4], [a + 7, b + 10], [a - 7 - long, b - 4], [a - 7 - long, b + 10], [a - long / 2, b - 8], [a - long / 2, b + 15]];
+      const [left, base] = sides[this.free(sides.map(([from, under]) => [from, under - 8, from + long, under + 1]))];
+      put(group, "text", { class: "label", x: left, y: base }, label);
     }
   }
 

@@ -8,7 +8,7 @@ import { Surface } from "./surface.js";
 import { Body, View } from "./view.js";
 import { at } from "./vector.js";
 
-const ROLES = { train: "training", validation: "validation", test: "held out", heldout: "held-out", training: "training" };
+const ROLES = { train: "training", validation: "validation", test: "test" };
 
 const millimetres = (value) => `${digits(value)} mm`;
 
@@ -24,7 +24,7 @@ export class Replay {
     this.basis = Float32Array.from(unpacked(data.modes), (mode, i) => mode * data.scales[i % this.columns]); // (3v, K)
     this.canvas = this.part("canvas");
     this.camera = new Camera(this.canvas, data.up, data.azimuth, data.elevation);
-    this.camera.frame(low.map((x, i) => (x + high[i]) / 2), 0.66 * Math.hypot(...high.map((x, i) => x - low[i])));
+    this.camera.frame(low.map((x, i) => (x + high[i]) / 2), 0.85 * Math.hypot(...high.map((x, i) => x - low[i])));
     this.view = new View(this.camera);
     this.view.floor = low[1];
     this.body = Object.assign(new Body(this.view.gl, this.surface), { ramp: 1 });

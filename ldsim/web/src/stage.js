@@ -2,7 +2,7 @@
 
 import { Camera, Fingers } from "./camera.js";
 import { GpuDecoder } from "./decode.js";
-import { byId, colour, pull, scale, shade } from "./dom.js";
+import { byId, colour, make, pull, scale, shade, short } from "./dom.js";
 import { Surface, displaced } from "./surface.js";
 import { along, box, dot } from "./vector.js";
 import { Body, View } from "./view.js";
@@ -19,6 +19,7 @@ export class Shape {
     this.surface = new Surface(solid.rest, solid.triangles);
     const decoder = stage.gpu && space.k ? new GpuDecoder(view.gl, this.surface, space.basis, space.k) : null;
     this.body = Object.assign(new Body(view.gl, this.surface, solid.pinned, decoder), { offset, colour: colour(space.space) });
+    this.label = make("div", { class: `label ${space.space}` });
     this.q = new Float32Array(space.k || solid.rest.length);
     this.setMode("plain");
     this.show(this.q);
@@ -98,7 +99,7 @@ export class Stage {
     const { rest, pinned } = this.solid, { camera } = this, upright = new Float32Array(rest.length), angle = camera.home.azimuth;
     for (let i = 0; i < rest.length; i += 3) upright.set(camera.toWorld(rest.subarray(i, i + 3)), i);
     const { low, high, diagonal, centre } = box(upright);
-    Object.assign(this, { diagonal, centre });
+    Object.assign(this, { diagonal, centre, above: [centre[0], high[1] + 0.1 * diagonal, centre[2]] });
     this.right = [Math.cos((angle * Math.PI) / 180), 0, -Math.sin((angle * Math.PI) / 180)];
     const broad = Math.abs(this.right[0]) * (high[0] - low[0]) + Math.abs(this.right[2]) * (high[2] - low[2]);
     this.aside = Math.max(1.2 * broad, 0.55 * diagonal);
@@ -120,6 +121,8 @@ export class Stage {
     for (const { body } of this.shapes) this.view.gl.deleteVertexArray(body.array);
     const middle = (spaces.length - 1) / 2;
     this.shapes = spaces.map((space, i) => new Shape(this, space, this.right.map((x) => (i - middle) * this.aside * x)));
+    this.grabs = []; // those of the next frame fit the spaces
+    byId("labels").replaceChildren(...(spaces.length > 1 ? this.shapes.map(({ label }) => label) : []));
     this.camera.frame(this.centre, 1.1 * this.diagonal, middle * this.aside);
   }
 
@@ -138,6 +141,19 @@ export class Stage {
       return pull(camera.toScreen(centroids.slice(3 * i, 3 * i + 3), offset), camera.toScreen(target, offset), 5.5);
     }));
     byId("pulls").replaceChildren(...lines);
+    for (const { label, offset } of this.shapes) {
+      const [x, y] = camera.toScreen(camera.toModel(this.above), offset);
+      label.style.transform = `translate(${x}px, ${Math.max(y, 44)}px) translate(-50%, -100%)`;
+    }
+    this.drawScale();
+  }
+
+  /** A bar of a round length, as it is where the camera looks. */
+  drawScale() {
+    const { half, distance } = this.camera.view(), metres = (2 * half.y * distance) / this.camera.box.height; // of a pixel
+    const most = 140 * metres, power = 10 ** Math.floor(Math.log10(most)), round = [5, 2, 1].find((step) => step * power <= most) * power;
+    byId("ruler").style.width = `${round / metres}px`;
+    byId("ruler").textContent = `${short(round)}m`;
   }
 
   /** The ray under the pointer in the frame of a shape. */

@@ -1,4 +1,4 @@
-"""Energy and stress on the surface, for colour."""
+"""Energy and stress at quadrature points and at vertices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
 from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.mechanics.materials.tensors import determinant
-from ldsim.simulator import Simulator
+from ldsim.mechanics.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -34,13 +34,20 @@ def energy_and_stress(elements: Elements, points: NDArray[np.int64], u: Array, v
         values[1, i] = np.sqrt(0.5 * deviation)
 
 
-class SurfaceField:
-    """Averages over the quadrature points that touch each surface vertex, by volume."""
+def elastic_energy(scene: Scene, u: Array, material_scale: float = 1.0) -> float:
+    """Σ w Ψ over all quadrature points of the mesh at the displacement u, (n, 3) metres; J."""
+    elements = scene.elements
+    values = np.empty((2, len(elements.weights)))
+    energy_and_stress(elements, np.arange(len(elements.weights)), np.ascontiguousarray(u, dtype=np.float64), values)
+    return material_scale * float(elements.weights @ values[0])
 
-    def __init__(self, simulator: Simulator) -> None:
-        self._elements = simulator.scene.elements
-        vertices = simulator.surface.vertices
-        local = np.full(simulator.scene.mesh.n_vertices, -1)
+
+class VertexField:
+    """Averages over the quadrature points that touch each of some vertices (v,), by volume."""
+
+    def __init__(self, scene: Scene, vertices: NDArray[np.int64]) -> None:
+        self._elements = scene.elements
+        local = np.full(scene.mesh.n_vertices, -1)
         local[vertices] = np.arange(len(vertices))
         nodes = local[self._elements.nodes]
         self._points = np.flatnonzero((nodes >= 0).any(axis=1))
@@ -48,8 +55,8 @@ class SurfaceField:
         self._share = np.where(self._nodes >= 0, self._elements.weights[self._points, None], 0.0)
         self._total = np.bincount(self._nodes.clip(0).ravel(), self._share.ravel(), len(vertices))
 
-    def __call__(self, field: str, u: Array, material_scale: float) -> Array:
-        """One of `FIELDS` at every surface vertex, (v,), at the displacement u, (n, 3) metres."""
+    def __call__(self, field: str, u: Array, material_scale: float = 1.0) -> Array:
+        """One of `FIELDS` at every one of the vertices, (v,), at the displacement u, (n, 3) metres."""
         values = np.empty((2, len(self._points)))
         energy_and_stress(self._elements, self._points, u, values)
         at_points = material_scale * values[FIELDS.index(field)]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.simulator import full_simulator
-from ldsim.viewer.fields import FIELDS, SurfaceField
+from ldsim.simulator.fields import FIELDS, VertexField
 from tests.helpers import bent
 from tests.simulator.playable import solid
 
@@ -35,7 +35,7 @@ SIMULATOR = full_simulator(solid(1))
 def test_a_field_is_the_average_by_volume_of_the_points_around_a_vertex(field: str) -> None:
     u = bent(SIMULATOR.scene.mesh)
     values, elements = slow(u)[FIELDS.index(field)], SIMULATOR.scene.elements
-    for i, value in enumerate(SurfaceField(SIMULATOR)(field, u, 3.0)):
+    for i, value in enumerate(VertexField(SIMULATOR.scene, SIMULATOR.surface.vertices)(field, u, 3.0)):
         around = (elements.nodes == SIMULATOR.surface.vertices[i]).any(axis=1)
         expected = 3 * np.average(values[around], weights=elements.weights[around])
         np.testing.assert_allclose(value, expected, rtol=1e-10)
@@ -44,4 +44,4 @@ def test_a_field_is_the_average_by_volume_of_the_points_around_a_vertex(field: s
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_solid_at_rest_has_none(field: str) -> None:
     u = np.zeros((SIMULATOR.scene.mesh.n_vertices, 3))
-    np.testing.assert_allclose(SurfaceField(SIMULATOR)(field, u, 1.0), 0.0, atol=1e-8)
+    np.testing.assert_allclose(VertexField(SIMULATOR.scene, SIMULATOR.surface.vertices)(field, u, 1.0), 0.0, atol=1e-8)

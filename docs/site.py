@@ -1,0 +1,38 @@
+"""What mkdocs does not do by itself: the pages at the project's root are pages of the site too."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parent.parent
+FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages of the root."""
+    for name in FROM_ROOT:
+        files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links as they are on the site, where docs/ is the root; what is no page of it is named without one."""
+    own = ROOT / page.file.src_uri if page.file.src_uri in FROM_ROOT else ROOT / "docs" / page.file.src_uri
+
+    def moved(found: re.Match[str]) -> str:
+        target, _, anchor = found[2].partition("#")
+        if not target or "://" in target:
+            return found[0]
+        file = (own.parent / target).resolve()
+        if not file.is_relative_to(ROOT / "docs") and file not in [ROOT / name for name in FROM_ROOT]:
+            return found[1]
+        place = file.relative_to(ROOT / "docs") if file.is_relative_to(ROOT / "docs") else Path(file.name)
+        up = "../" * page.file.src_uri.count("/")
+        return f"[{found[1]}]({up}{place.as_posix()}{'#' if anchor else ''}{anchor})"
+
+    return LINK.sub(moved, markdown.replace("](docs/pictures/", "](pictures/"))

@@ -1,0 +1,58 @@
+"""What a report comes to in a word: whether the space that simulate chose is good enough, and why."""
+
+from __future__ import annotations
+
+from ldsim.report.schema import ROLE_NAMES, ROLES, FrontierRun, RunNumbers, Verdict
+from ldsim.report.warnings import LARGE_ONLINE_ERROR
+from ldsim.report.wording import readable
+
+# Beyond this online error a motion is another one.
+USELESS_ONLINE_ERROR = 0.3
+
+
+def verdict(report: RunNumbers) -> Verdict:
+    """In a word, by the worst motion of the role that judges, or by the statement where there is one."""
+    role = max((run.role for run in report.frontier), key=ROLES.index, default="train")
+    runs = [run for run in report.frontier if run.space == report.space and run.role == role]
+    name = "latent space" if report.space == "latent" else "linear space"
+    told = f"the {name} of {readable(runs[0].dimension or 0)} numbers" if runs else f"the {name}"
+    error, where = _error(report, runs)
+    if error is None:
+        lost = any(run.diverged for run in report.simulate.latent) if report.space == "latent" else bool(runs)
+        return Verdict(
+            word="do not use" if lost else "not judged",
+            why=f"{told} {'was lost' if lost else 'has no full-space run to be judged by'}.",
+        )
+    good, usable = error <= LARGE_ONLINE_ERROR, error <= USELESS_ONLINE_ERROR
+    why = f"{told} stays within {readable(100 * error)} % {where}{_beside_full(report, runs)}."
+    return Verdict(word="good" if good else "usable" if usable else "do not use", why=why)
+
+
+def _error(report: RunNumbers, runs: list[FrontierRun]) -> tuple[float | None, str]:
+    """What the space stays within, and of what; None where it was lost or nothing is known."""
+    statement = report.statement
+    if statement is not None and report.space in ("latent", "linear"):
+        about = f"of how far fresh motions move it (confidence {statement.confidence:.0%})"
+        return statement[report.space].error, about
+    errors = [run.online_error for run in runs]
+    if not errors or any(error is None for error in errors):
+        return None, ""
+    seen = {
+        "train": "which it learned from",
+        "validation": "which choices were made by",
+        "test": "which nothing had seen",
+    }
+    about = f"of the mean displacement on the {ROLE_NAMES[runs[0].role]} motions, {seen[runs[0].role]}"
+    return max(error for error in errors if error is not None), about
+
+
+def _beside_full(report: RunNumbers, runs: list[FrontierRun]) -> str:
+    """How a step compares with one of the full space on the same motion, where that was timed."""
+    full = {run.motion: run.median_step_ms for run in report.simulate.full}
+    pairs = [(full[run.motion], run.median_step_ms) for run in runs if full.get(run.motion) and run.median_step_ms]
+    if not pairs:
+        return ""
+    slow, quick = max(pairs, key=lambda pair: pair[1] or 0)
+    assert slow is not None and quick is not None
+    said = f"in {readable(slow / quick)} times less time than" if slow > quick else "and no faster than"
+    return f"; it steps in {readable(quick)} ms, {said} the full space"
