@@ -51,7 +51,7 @@ def variables(space: Space) -> Iterator[Variable]:
     """All but the time; what a unit starts from is what `begin` of fmu.c sets."""
     scene = space.scene
     far = _far_vertex(space)
-    yield from _vector(GRAVITY, "gravity", "input", "gravity", "m/s2", scene.gravity)
+    yield from _vector(GRAVITY, "gravity", "input", "gravity", "m/s2", scene.gravity.tolist())
     yield Variable(NOVELTY, "novelty", "output", "distance from the training data, from 1 on beware; -1 if not known")
     for g in range(GRABS):
         at, name = GRAB + PER_GRAB * g, f"grab[{g + 1}]"
@@ -97,8 +97,8 @@ def description(space: Space, version: int) -> bytes:
         modelName="deformable solid",
         generationTool=f"ldsim {__version__}",
         variableNamingConvention="structured",
-        **{"guid" if version == 2 else "instantiationToken": token},
     )
+    root.set("guid" if version == 2 else "instantiationToken", token)
     cosimulation = ElementTree.SubElement(
         root, "CoSimulation", modelIdentifier=IDENTIFIER, canHandleVariableCommunicationStepSize="true"
     )
@@ -113,7 +113,8 @@ def description(space: Space, version: int) -> bytes:
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=h)
     _write_variables(root, listed, version)
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text
 
 
 def _write_variables(root: ElementTree.Element, listed: Sequence[Variable], version: int) -> None:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel
 from ldsim.artefacts.training import TrainingStore
-from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.synthetic import synthetic_frames
 from ldsim.errors import SettingsError, SolverError
@@ -20,7 +19,7 @@ from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.random_pulls import covering_pulls
 from ldsim.pipeline.coordinates import needed_coordinates
 from ldsim.pipeline.progress import Progress
-from ldsim.pipeline.relaxed_poses import Frames, Piece, Poses, relaxed_pieces
+from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, relaxed_pieces
 from ldsim.run import Run
 from ldsim.space.basis import Basis, is_identity
 from ldsim.space.decoder import Decoder
@@ -31,8 +30,8 @@ from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 
-# A round's own runs: pulls, and the tolerance of their steps as a share of the largest rest force of a coordinate.
-PULLS, TOLERANCE = 100, 4e-3
+# Pulls of a round's own runs.
+PULLS = 100
 # Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
 EXPLORING = 0.25
 
@@ -76,7 +75,7 @@ class _Work:
 
     def relax(self, name: str, z: Array, displacement: Frames, count: int, beside: Array | None = None) -> None:
         """Relax `count` of many poses, and some around them."""
-        poses = Poses(self.relaxation, z, displacement, self.options, count, beside)
+        poses = ChosenPoses(self.relaxation, z, displacement, self.options, count, beside)
         self.wanted += poses.wanted
         self.pieces += relaxed_pieces(poses, self.partial, name, self.progress)
         if not len(self.z):
@@ -98,7 +97,7 @@ class _Work:
             basis = Basis.of(_columns(self.run, found.decoder, slaved), self.run.scene.mass)
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
             z = self._own_frames(space, number)
-            far = Poses(
+            far = ChosenPoses(
                 self.relaxation, z, lambda i: space.displacement(space.decoder(z[i])), self.options, count, have
             )
             poses = [space.displacement(space.decoder(z[i])).astype(np.float32) for i in far.chosen]
@@ -112,8 +111,7 @@ class _Work:
         run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
         pulls = covering_pulls(f"round {number + 1}", run.scene, motions, PULLS, self.options.seed + 1 + number)
         with self.progress.bar(f"train: runs of round {number + 1}", pulls.frames, "frame") as bar:
-            stepper = ReducedStepper(space, ReducedOptions(tolerance=TOLERANCE))
-            q = synthetic_frames(stepper, pulls, bar.update, pulls.frames // PULLS)
+            q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // PULLS)
         return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
 
     def fit(self, name: str, steps: int) -> tuple[Condensed, Basis]:

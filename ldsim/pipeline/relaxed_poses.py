@@ -32,7 +32,7 @@ DIRECTIONS, LENGTH = 4, 0.3
 SHARES, LEAST, TYPICAL = (0.03, 0.1, 0.3, 1.0), 0.1, 40
 
 
-class Poses:
+class ChosenPoses:
     """Which of many poses are relaxed, and the work on one piece of them.
 
     Args:
@@ -163,10 +163,10 @@ class Piece:
         return np.concatenate([slaved, along.reshape(-1, slaved.shape[1])]).astype(np.float32)
 
 
-def relaxed_pieces(poses: Poses, partial: Path, name: str, progress: Progress) -> list[Piece]:
+def relaxed_pieces(poses: ChosenPoses, partial: Path, name: str, progress: Progress) -> list[Piece]:
     """All pieces, each kept in `partial` as soon as it is done; what an earlier run has done is not done again."""
     pieces = range(-(-len(poses.chosen) // TOGETHER))
-    stores = [TrainingStore(partial, f"{name}{piece}", poses.identity(piece)) for piece in pieces]
+    stores = [TrainingStore(partial, f"{name} {piece}", poses.identity(piece)) for piece in pieces]
     with progress.bar(f"train: {name} poses", poses.wanted, "pose") as bar:
         todo = [piece for piece in pieces if stores[piece].load() is None]
         _advance(bar, poses, len(pieces) - len(todo))
@@ -176,5 +176,5 @@ def relaxed_pieces(poses: Poses, partial: Path, name: str, progress: Progress) -
     return [Piece(store) for store in stores]
 
 
-def _advance(bar: Bar, poses: Poses, pieces: int) -> None:
+def _advance(bar: Bar, poses: ChosenPoses, pieces: int) -> None:
     bar.update(min(pieces * TOGETHER * poses.wanted // max(len(poses.chosen), 1), poses.wanted))

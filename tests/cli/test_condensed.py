@@ -152,7 +152,7 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
     with Run(again.run) as run:
         before = run.model.potential
     done: list[int] = []
-    relaxed = relaxed_poses.Poses.relaxed
+    relaxed = relaxed_poses.ChosenPoses.relaxed
 
     def interrupted(poses: Any, piece: int) -> dict[str, Any]:
         if piece == 2:
@@ -161,10 +161,10 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
         return relaxed(poses, piece)
 
     (again.run / "model.h5").unlink()
-    monkeypatch.setattr(relaxed_poses.Poses, "relaxed", interrupted)
+    monkeypatch.setattr(relaxed_poses.ChosenPoses, "relaxed", interrupted)
     assert again.invoke("train").exit_code != 0
     monkeypatch.setattr(
-        relaxed_poses.Poses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1]
+        relaxed_poses.ChosenPoses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1]
     )
     assert again.invoke("train").exit_code == 0
     assert done == [0, 1, 2, 0]  # and a piece of the poses that its own runs came to
