@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -24,28 +25,13 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--motion", metavar="NAME", help="Which motion; left out, the run's first.")
 @click.option("--space", default=AUTO, show_default=True, metavar="|".join((AUTO, *SPACES)), help="Which space's run.")
 @click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Write only every N-th frame.")
-@click.option(
-    "--platform",
-    "platforms",
-    multiple=True,
-    type=click.Choice([*PLATFORMS]),
-    help="Of c and fmu: which compiled libraries to put in, by zig where it is not this one; may be repeated.",
-)
+@click.option("--platform", "platforms", multiple=True, type=click.Choice([*PLATFORMS]), help="Of c, fmu; repeatable.")
 @click.option("--output", type=click.Path(path_type=Path), help="File or new folder; left out, RUN/export/….")
-def command(
-    run: Path,
-    name: str | None,
-    playground: bool,
-    motion: str | None,
-    space: str,
-    every: int,
-    platforms: tuple[str, ...],
-    output: Path | None,
-) -> None:
+def command(run: Path, name: str | None, playground: bool, output: Path | None, **chosen: Any) -> None:
     if playground == (name is not None):
         raise click.UsageError("give --format NAME or --playground")
     started = time.perf_counter()
     with one_thread(), Run.open(run) as opened:
-        path, what = export(opened, Choice(name or "playground", motion, space, every, platforms), output)
+        path, what = export(opened, Choice(name or "playground", **chosen), output)
     megabytes = sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])) / 1e6
     click.echo(f"{path}: {what}, {megabytes:.1f} MB ({time.perf_counter() - started:.1f} s)")

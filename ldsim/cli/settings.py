@@ -6,16 +6,13 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
+from ldsim.cli.parameters import on_configuration
 from ldsim.pipeline.solid import solid_of
 from ldsim.run import Run
 from ldsim.settings import load_settings
 
 
-@click.command("settings", help="Check a configuration and print it with defaults.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
-@click.argument("config", type=click.Path(path_type=Path))
-@click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+@on_configuration("settings", "Check a configuration and print it with defaults.")
 def command(config: Path, runs: Path) -> None:
     settings = load_settings(config)
     click.echo(settings.dump(), nl=False)

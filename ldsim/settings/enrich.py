@@ -8,6 +8,7 @@ ordinary configuration beside the one that was given, which `ldsim make` takes i
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,16 +59,23 @@ class Enriched:
         return words
 
 
-def enrich(config: Path, runs: Path, asked: float, seconds: float, say: Callable[[str], object]) -> list[Round]:
+def enrich(
+    config: Path, runs: Path, percent: float | None, minutes: float | None, say: Callable[[str], object]
+) -> list[Round]:
     """Learn until a relative error is held on the validation motions; the rounds lie beside the run for its report.
 
     Args:
+        percent: the error; None asks for nothing, and no round is run.
+        minutes: after which no round begins; None for no limit.
         say: told of each stage that runs, and a line of each round.
 
     Raises:
         StageFailed: a stage ended with an error, which it has told.
         SettingsError: no motion has the role validation.
     """
+    if percent is None:
+        return []
+    asked, seconds = percent / 100, math.inf if minutes is None else 60 * minutes
     surrogate, rounds = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP)), []
     folder = runs / load_settings(config).experiment
     for each in improved(surrogate, asked, seconds):

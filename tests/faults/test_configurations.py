@@ -71,7 +71,7 @@ def test_the_configuration_that_they_are_made_of_is_whole(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("kind", ["device", "pipe", "folder"])
 def test_what_is_no_file_is_never_read(kind: str, tmp_path: Path) -> None:
-    path = {"device": Path("/dev/zero"), "pipe": tmp_path / "pipe.off", "folder": tmp_path}[kind]
+    path = {"device": Path("/dev/zero"), "pipe": tmp_path / "pipe", "folder": tmp_path}[kind]
     if kind == "pipe":
         os.mkfifo(path)
     with pytest.raises(LdsimError, match="is no file"):

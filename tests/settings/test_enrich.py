@@ -141,7 +141,7 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
     )
     monkeypatch.setattr("ldsim.settings.enrich.Run", MadeRun)
     monkeypatch.setattr("ldsim.settings.enrich.pull_errors", lambda run: np.array([0.01, errors.pop(0)]))
-    enrich(config, tmp_path / "runs", 0.05, math.inf, told.append)
+    enrich(config, tmp_path / "runs", 5.0, None, told.append)
     keep = {"train": ["--keep"]}
     assert made == [("part.yaml", "train", keep), ("part.enriched.yaml", "train", keep)]
     assert load_settings(current(config)).train.condensed.rounds == 3
