@@ -26,6 +26,10 @@ def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, 
     """Pulls as far, as stiff and as long as those of other motions, but anywhere, and every other under turned gravity.
 
     Where those have no pulls, gravity alone turns.
+
+    Args:
+        like: radius and stiffness are their medians, the pointer goes as far as it does in any of them.
+        count: of pulls, each followed by as many frames of free motion.
     """
     drags = [drag for motion in like for drag in motion.drags]
     frames = max(int(np.median([len(drag.targets) for drag in drags])), 2) if drags else STILL

@@ -19,7 +19,7 @@ from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.random_pulls import covering_pulls
 from ldsim.pipeline.coordinates import needed_coordinates
 from ldsim.pipeline.progress import Progress
-from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, relaxed_pieces
+from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, energy_root, farthest_points, relaxed_pieces
 from ldsim.run import Run
 from ldsim.space.basis import Basis, is_identity
 from ldsim.space.decoder import Decoder
@@ -97,11 +97,9 @@ class _Work:
             basis = Basis.of(_columns(self.run, found.decoder, slaved), self.run.scene.mass)
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
             z = self._own_frames(space, number)
-            far = ChosenPoses(
-                self.relaxation, z, lambda i: space.displacement(space.decoder(z[i])), self.options, count, have
-            )
-            poses = [space.displacement(space.decoder(z[i])).astype(np.float32) for i in far.chosen]
-            kept = {"z": z[far.chosen], "u": np.array(poses)}
+            root = energy_root(self.relaxation)
+            z = z[farthest_points(z @ root, min(count, len(z)), have @ root)]
+            kept = {"z": z, "u": np.array([space.displacement(space.decoder(each)) for each in z], dtype=np.float32)}
             store.save(kept)
         u = np.asarray(kept["u"], dtype=np.float64)
         self.relax(f"round {number + 1}", np.asarray(kept["z"], dtype=np.float64), u.__getitem__, count, have)

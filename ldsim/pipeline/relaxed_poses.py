@@ -53,9 +53,8 @@ class ChosenPoses:
     ) -> None:
         self.relaxation, self.z, self._displacement, self._options = relaxation, z, displacement, options
         rng = np.random.default_rng((options.seed, 0))
-        values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
-        self._softest = values[0]
-        root = (vectors * np.sqrt(values)) @ vectors.T
+        self._softest = np.linalg.eigvalsh(relaxation.rest.stiffness)[0]
+        root = energy_root(relaxation)
         y = z @ root
         # most frames of a motion are near rest, and a run is lost where it is far; who asks for more poses gets a
         # longer prefix of the same order, so only those that are new are relaxed
@@ -130,6 +129,13 @@ class ChosenPoses:
             "slaved": np.array(slaved, dtype=np.float32).reshape(-1, size),
             "along": np.array(along, dtype=np.float32).reshape(-1, DIRECTIONS, size),
         }
+
+
+def energy_root(relaxation: Relaxation) -> Array:
+    """S₀^½, (r, r): in y = S₀^½ z rest is equally stiff along all axes, ½ ‖y‖² J for small motions."""
+    values, vectors = np.linalg.eigh(relaxation.rest.stiffness)
+    root: Array = (vectors * np.sqrt(values)) @ vectors.T
+    return root
 
 
 def farthest_points(y: Array, count: int, beside: Array | None = None) -> NDArray[np.int64]:

@@ -3,65 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
-from ldsim.mechanics.motion import Motion, Support
-from ldsim.mechanics.pins import MovedPins
-from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
-from ldsim.space.lifting import Lifting
 from ldsim.space.pca import orthonormalised
 from reproduction.bench.soak import soak
 from tests.helpers import reduced_space
-from tests.simulator.playable import curved_decoder, modes, solid
-
-Array = NDArray[np.float64]
-
-BODY = solid(1)
-TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
-UP = np.array([0.0, 0.05, 0.02])
-
-
-def reduced(
-    body: Scene = BODY,
-    decoder: Decoder | None = None,
-    U: Array | None = None,
-    lifting: Lifting | None = None,
-    **options: float,
-) -> Simulator:
-    decoder = curved_decoder() if decoder is None else decoder
-    space = reduced_space(body, modes(body) if U is None else U, decoder, lifting=lifting)
-    return Simulator(space, ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500)), **options)
-
-
-def every_kind(body: Scene = BODY) -> list[Simulator]:
-    return [reduced(body), reduced(body, Decoder.identity(9)), full_simulator(body, 1e-9)]
-
-
-kinds = pytest.mark.parametrize("kind", range(3), ids=["latent", "linear", "full"])
-
-
-def unit_basis(body: Scene) -> Array:
-    U = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
-    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
-    U[rows, np.arange(len(rows))] = 1
-    return U
+from tests.simulator.playable import curved_decoder, modes
+from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced, unit_basis
 
 
 def test_a_grab_in_a_complete_linear_space_does_what_it_does_in_the_full_space() -> None:
@@ -261,93 +222,6 @@ def test_the_full_stepper_tells_how_far_the_solid_is() -> None:
     np.testing.assert_allclose(stepper.extent(state), np.sqrt(0.03), rtol=1e-12)
 
 
-def path(frames: int) -> list[tuple[MovedPins, ...]]:
-    """Where the pins are, frame by frame: all of them carried and turned along a crooked path."""
-    turns = np.random.default_rng(6).normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003]
-    return [(MovedPins(np.flatnonzero(BODY.pinned), map),) for map in np.eye(3, 4) + np.cumsum(turns, axis=0)]
-
-
-def with_moving_pins() -> list[tuple[Simulator, Stepper[Any]]]:
-    """A simulator of each kind whose pins can move, and a stepper like its own."""
-    support = Support(np.flatnonzero(BODY.pinned), np.eye(3, 4)[None])
-    lifting = Lifting.of(BODY, [Motion("moving", 1, supports=(support,))])
-    found: list[tuple[Simulator, Stepper[Any]]] = []
-    for decoder in (curved_decoder(), Decoder.identity(9)):
-        simulator = reduced(decoder=decoder, lifting=lifting)
-        alone = ReducedStepper(simulator.space, ReducedOptions(tolerance=1e-9, max_iterations=500))
-        found.append((simulator, alone))
-    return [*found, (full_simulator(BODY, 1e-9), FullStepper(BODY, FullOptions(tolerance=1e-9)))]
-
-
-@kinds
-def test_pins_that_are_moved_are_those_of_the_loads_of_a_step(kind: int) -> None:
-    simulator, stepper = with_moving_pins()[kind]
-    handle = simulator.grab(TIP, TIP + UP, stiffness=40, at_rest=True)
-    grabs, state = (Grab(handle.vertices, handle.target, 40.0),), stepper.rest()
-    for pins in path(6):
-        simulator.set_pins(pins)
-        assert simulator.step().outcome == Outcome.SOLVED
-        state, _ = stepper.step(state, Loads(grabs, pins=pins))
-        u = simulator.displacement()
-        np.testing.assert_allclose(u, stepper.displacement(state), atol=1e-10)
-        np.testing.assert_allclose(simulator.coordinates, stepper.coordinates(state), atol=1e-9)
-        np.testing.assert_allclose(u[BODY.pinned], pins[0].displacement(BODY.mesh.vertices), atol=1e-12)
-        np.testing.assert_allclose(handle.centroid, (BODY.mesh.vertices + u)[handle.vertices].mean(axis=0), atol=1e-12)
-    assert np.abs(u[BODY.pinned]).max() > 0.005
-
-
-@kinds
-def test_pins_stay_where_they_were_put_until_reset_brings_them_back(kind: int) -> None:
-    simulator, _ = with_moving_pins()[kind]
-    simulator.step(3)
-    expected = simulator.displacement()
-    simulator.reset()
-    (pins,) = path(1)
-    simulator.set_pins(pins)
-    simulator.step(4)
-    held = simulator.displacement()[BODY.pinned]
-    np.testing.assert_allclose(held, pins[0].displacement(BODY.mesh.vertices), atol=1e-12)
-    simulator.reset()
-    assert not simulator.displacement().any()
-    simulator.step(3)
-    np.testing.assert_array_equal(simulator.displacement(), expected)
-    assert not expected[BODY.pinned].any()
-
-
-@kinds
-def test_a_saved_state_keeps_where_the_pins_are_and_how_fast_they_move(kind: int) -> None:
-    simulator, _ = with_moving_pins()[kind]
-    *before, last = path(4)
-    for pins in before:
-        simulator.set_pins(pins)
-        simulator.step()
-    simulator.set_pins(last)
-    saved = simulator.save()
-    simulator.step(3)
-    expected = simulator.displacement()
-    simulator.set_pins(())
-    simulator.step(2)
-    assert not simulator.displacement()[BODY.pinned].any()
-    for _ in range(2):
-        simulator.restore(saved)
-        simulator.step(3)
-        np.testing.assert_allclose(simulator.displacement(), expected, atol=1e-10)
-        simulator.reset()
-
-
-def test_pins_that_a_space_was_not_prepared_for_are_refused_and_the_state_kept() -> None:
-    simulator = reduced()
-    simulator.step(2)
-    before = simulator.displacement()
-    (pins,) = path(1)
-    simulator.set_pins(pins)
-    with pytest.raises(MotionError, match="pins move; the reduced space has no lifting for them"):
-        simulator.step()
-    np.testing.assert_array_equal(simulator.displacement(), before)
-    simulator.set_pins(())
-    assert simulator.step().outcome == Outcome.SOLVED
-
-
 def test_a_grab_at_a_pinned_point_warns_and_one_beside_it_does_not() -> None:
     simulator = full_simulator(BODY)
     pinned = BODY.mesh.vertices[BODY.pinned][0]
@@ -369,34 +243,6 @@ def test_it_says_in_a_line_what_it_is() -> None:
         f"<Simulator: {simulator.space.name} space of 9 numbers, {BODY.mesh.n_vertices:,} vertices, "
         f"at {2 * BODY.time_step:.4g} s with 1 grabs>"
     )
-
-
-@kinds
-def test_velocity_is_what_a_step_moved_over_its_time(kind: int) -> None:
-    simulator = every_kind()[kind]
-    assert not simulator.velocity().any()
-    simulator.grab(TIP, TIP + UP)
-    simulator.step(3)
-    before, some = simulator.displacement(), np.array([4, 2])
-    simulator.step()
-    speed = (simulator.displacement() - before) / BODY.time_step
-    assert np.abs(speed).max() > 1e-3
-    np.testing.assert_allclose(simulator.velocity(), speed, atol=1e-9)
-    np.testing.assert_array_equal(simulator.velocity(some), simulator.velocity()[some])
-    np.testing.assert_array_equal(simulator.displacement(some), simulator.displacement()[some])
-
-
-def test_energy_and_centre_of_mass_are_those_of_the_whole_mesh() -> None:
-    simulator = full_simulator(BODY)
-    mass = BODY.vertex_mass
-    np.testing.assert_allclose(simulator.centre_of_mass, mass @ BODY.mesh.vertices / mass.sum())
-    assert simulator.elastic_energy == pytest.approx(0, abs=1e-12) and simulator.stress().max() < 1e-6
-    simulator.step(20)  # it sags
-    sunk = mass @ simulator.displacement() / mass.sum()
-    np.testing.assert_allclose(simulator.centre_of_mass, mass @ BODY.mesh.vertices / mass.sum() + sunk)
-    work = mass.sum() * float(BODY.gravity @ sunk)
-    assert 0 < simulator.elastic_energy < work  # of the weight
-    assert simulator.stress().shape == (BODY.mesh.n_vertices,) and simulator.stress().max() > 1
 
 
 def test_following_takes_over_shape_velocity_and_grabs() -> None:
