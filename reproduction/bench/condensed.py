@@ -27,13 +27,13 @@ from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import material_number
 from ldsim.run import Run
-from ldsim.space.condensed_linear import condensed_linear
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 from reproduction.bench.space import errors, worth
 from reproduction.bench.space_parts import STOP, measure_stepped
 from reproduction.harness import Row, called, parser, row, show, write_results
 from reproduction.reduced_runs import played, reference
+from reproduction.rivals.condensed_linear import condensed_linear
 from reproduction.rivals.every_element import EveryElement
 
 NAME = "condensed"

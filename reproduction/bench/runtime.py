@@ -20,10 +20,10 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.run import REDUCED, Run
-from ldsim.runtime.follower import Follower
 from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
+from reproduction.bench.follower import Follower
 from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "runtime"

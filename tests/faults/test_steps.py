@@ -30,12 +30,12 @@ from ldsim.pipeline.comparison import Reference, run_reduced
 from ldsim.simulator import Outcome, full_simulator, load
 from ldsim.simulator.simulator import BOUND, Simulator
 from ldsim.space.basis import Basis, inner_product
-from ldsim.space.condensed_linear import condensed_linear
 from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
 from ldsim.space.relaxation import Relaxation
 from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience
+from reproduction.rivals.condensed_linear import condensed_linear
 from tests.helpers import reduced_space, scene
 from tests.simulator.playable import modes, solid, write_playable
 

@@ -9,10 +9,10 @@ from ldsim.arrays import Array
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.runtime.follower import Follower
 from ldsim.runtime.library import Library, NativeModel, NativeSolid
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
+from reproduction.bench.follower import Follower
 from tests.runtime.problems import SPACES, loads
 
 FRAMES = 1000

@@ -12,8 +12,8 @@ from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import material_number
 from ldsim.space.basis import Basis
-from ldsim.space.condensed_linear import condensed_linear
 from ldsim.space.relaxation import Relaxation
+from reproduction.rivals.condensed_linear import condensed_linear
 from tests.space.test_relaxation import beam, modes
 
 
