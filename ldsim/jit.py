@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numba
-import numpy as np
 from numba.core.caching import _CacheLocator
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
+
+from ldsim.arrays import Array
 
 KEPT_DAYS = 30
 PACKAGE = Path(__file__).parent
@@ -141,7 +141,7 @@ def kernel(**options: object) -> Callable[[Loop], Loop]:
 
 
 @kernel()
-def copy(source: NDArray[np.float64], target: NDArray[np.float64]) -> None:
+def copy(source: Array, target: Array) -> None:
     """target ← source, one-dimensional arrays of one length."""
     for i in range(target.shape[0]):
         target[i] = source[i]

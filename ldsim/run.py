@@ -10,9 +10,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Array
 from ldsim.artefacts.records import (
     StoredModel,
     read_basis,
@@ -213,7 +211,7 @@ class Run:
         return found
 
     @property
-    def fresh_errors(self) -> dict[str, NDArray[np.float64]]:
+    def fresh_errors(self) -> dict[str, Array]:
         """Space → online errors of the fresh motions that a statement is from; empty where none is made."""
         self.require("simulation", "scene", "basis", "model", "cubature")
         return read_fresh(self.path("simulation"))

@@ -13,16 +13,14 @@ from typing import Protocol
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.artefacts.atomic import creating, replacing, writing
 from ldsim.artefacts.opening import opened
 from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +36,8 @@ class Checkpoint:
 
     identity: str
     state: Mapping[str, Array | int]
-    held: Mapping[int, NDArray[np.int64]]
-    statistics: Mapping[str, NDArray[np.int64]]
+    held: Mapping[int, Indices]
+    statistics: Mapping[str, Indices]
     seconds: Array
 
     @property

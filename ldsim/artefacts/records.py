@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.store import Header, pieces, read_header, reading, write
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
@@ -21,8 +22,6 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.novelty import Novelty
 from ldsim.space.pca import Pca
-
-Array = NDArray[np.float64]
 
 
 def write_scene(path: Path, header: Header, scene: Scene) -> None:

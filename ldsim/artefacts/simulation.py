@@ -10,11 +10,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.store import Header, read_header, reading, write
 from ldsim.dynamics.trajectory import Trajectory
 
 Runs = Mapping[str, Mapping[str, Trajectory]]
-Fresh = Mapping[str, NDArray[np.float64]]
+Fresh = Mapping[str, Array]
 
 
 def write_simulation(path: Path, header: Header, runs: Runs, fresh: Fresh | None = None) -> None:
@@ -39,7 +40,7 @@ def read_simulation(path: Path) -> tuple[dict[str, dict[str, Trajectory]], Heade
         return runs, read_header(file)
 
 
-def read_fresh(path: Path) -> dict[str, NDArray[np.float64]]:
+def read_fresh(path: Path) -> dict[str, Array]:
     """Space → online errors of the fresh motions; empty where there were none."""
     with reading(path, "simulation") as file:
         return {space: data[:] for space, data in file["fresh"].items()} if "fresh" in file else {}

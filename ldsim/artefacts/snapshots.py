@@ -12,11 +12,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.artefacts.store import Header, pieces, read_header, reading
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Drag, Motion, Support
-
-Array = NDArray[np.float64]
 
 CHUNK_BYTES = 128 << 20
 # The model learns from the first, choices and thresholds may look at the second, nothing before simulate reads the
@@ -39,15 +38,15 @@ class Recorded:
 
     motion: Motion
     role: str
-    held: Mapping[int, NDArray[np.int64]]
-    iterations: NDArray[np.int64]
-    evaluations: NDArray[np.int64]
-    reason: NDArray[np.int64]
+    held: Mapping[int, Indices]
+    iterations: Indices
+    evaluations: Indices
+    reason: Indices
     seconds: Array
     identity: str = ""
 
 
-def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict[str, NDArray[np.generic]]:
+def motion_arrays(motion: Motion, held: Mapping[int, Indices]) -> dict[str, NDArray[np.generic]]:
     """A motion and its held vertices as arrays."""
     drags, supports = motion.drags, motion.supports
     vertices = [held.get(i, np.empty(0, dtype=np.int64)) for i in range(len(drags))]
@@ -70,7 +69,7 @@ def motion_arrays(motion: Motion, held: Mapping[int, NDArray[np.int64]]) -> dict
     }
 
 
-def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, NDArray[np.int64]]]:
+def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, Indices]]:
     """A motion and its held vertices from the group that holds its arrays."""
     targets = pieces(group["targets"][:], group["drag_frames"][:])
     held = pieces(group["held"][:], group["held_count"][:])

@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Indices
 from ldsim.artefacts.atomic import creating
 from ldsim.artefacts.opening import check_size, datasets, opened
 from ldsim.artefacts.schema import ANY, SCHEMA_VERSION, SCHEMAS, SHARED, Dataset, index
@@ -160,7 +161,7 @@ def _plain(name: str, value: object) -> str | float | int:
     raise ValueError(f"attribute {name!r} is not the text or the finite number that it should be")
 
 
-def pieces(values: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:
+def pieces(values: NDArray[Any], counts: Indices) -> list[NDArray[Any]]:
     """An array that holds several one after another, taken apart.
 
     Raises:

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
 from ldsim.learn.network import ACTIVATIONS, layers, perceptron
@@ -173,7 +172,7 @@ def neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
 
 
 def fit_condensed(
-    samples: CondensedSamples, moduli: tuple[NDArray[np.int64], Array, Array], options: TrainOptions, watch: Watch
+    samples: CondensedSamples, moduli: tuple[Indices, Array, Array], options: TrainOptions, watch: Watch
 ) -> Condensed:
     """Fit potential and decoder.
 
@@ -199,9 +198,7 @@ def fit_condensed(
 class _Fit:
     """SOAP on a warm-up and half a cosine; all in float64, for Hessians lose digits."""
 
-    def __init__(
-        self, samples: CondensedSamples, moduli: tuple[NDArray[np.int64], Array, Array], options: TrainOptions
-    ) -> None:
+    def __init__(self, samples: CondensedSamples, moduli: tuple[Indices, Array, Array], options: TrainOptions) -> None:
         count, r = samples.z.shape
         if count < 10:
             raise SolverError(f"only {count} relaxed poses to fit a condensed space to; at least 10 are needed")

@@ -6,16 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.jit import in_threads
 from ldsim.learn.examples import PoseForces
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.space.basis import Basis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +31,9 @@ class Poses:
     prescribed: Callable[[int], Array]
 
 
-def spread_numbers(total: int, count: int) -> NDArray[np.int64]:
+def spread_numbers(total: int, count: int) -> Indices:
     """At most `count` of the numbers below `total`, evenly spread, rising."""
-    found: NDArray[np.int64] = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(np.int64))
+    found: Indices = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(np.int64))
     return found
 
 

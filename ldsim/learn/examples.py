@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from ldsim.arrays import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +17,7 @@ class PoseForces:
         excess: Uᵀ(f(UUᵀMu) − f(u)), what projection alone adds to the internal force, (p, k) float64.
     """
 
-    frames: NDArray[np.int64]
+    frames: Indices
     stiffness: Array
     excess: Array
 

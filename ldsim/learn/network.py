@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-
-Array = NDArray[np.float64]
 
 ACTIVATIONS = {"elu": torch.nn.ELU, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "sigmoid": torch.nn.Sigmoid}
 

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.learn.examples import Examples
 from ldsim.learn.losses import Projectors, curvature, divergence, equilibrium_shift, projectors
@@ -25,7 +26,6 @@ from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
-Array = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[np.generic]]
 # Told after each epoch: its number, training loss and validation loss (scaled).
 Watch = Callable[[int, float, float], None]

@@ -32,7 +32,7 @@ class Elements(NamedTuple):
     lam: Array
 
 
-def elements_at(elements: Elements, points: NDArray[np.int64]) -> Elements:
+def elements_at(elements: Elements, points: Indices) -> Elements:
     """Some of the quadrature points, (c,), as the kernels read them."""
     return Elements._make(values[points] for values in elements)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.mass import mass_matrix
@@ -40,13 +41,13 @@ class Scene:
 
     mesh: Mesh
     material: NDArray[np.int8]
-    mu: NDArray[np.float64]
-    lam: NDArray[np.float64]
-    density: NDArray[np.float64]
+    mu: Array
+    lam: Array
+    density: Array
     pinned: NDArray[np.bool_]
-    gravity: NDArray[np.float64]
+    gravity: Array
     time_step: float
-    load: NDArray[np.float64] | None = None
+    load: Array | None = None
 
     def __post_init__(self) -> None:
         n, m = self.mesh.n_vertices, self.mesh.n_cells
@@ -103,19 +104,19 @@ class Scene:
         return mass_matrix(self.mesh, self.points, self.density)
 
     @cached_property
-    def vertex_mass(self) -> NDArray[np.float64]:
+    def vertex_mass(self) -> Array:
         """Row sums of the mass matrix, (n,) float64, kg; zero where pinned."""
-        mass: NDArray[np.float64] = np.where(self.pinned, 0.0, self.mass.sum(axis=1))
+        mass: Array = np.where(self.pinned, 0.0, self.mass.sum(axis=1))
         return mass
 
     @cached_property
-    def external_force(self) -> NDArray[np.float64]:
+    def external_force(self) -> Array:
         """Weight and load of each vertex under the scene's own gravity, (n, 3) float64, N; zero where pinned."""
         return self.force(self.gravity)
 
-    def force(self, gravity: NDArray[np.float64]) -> NDArray[np.float64]:
+    def force(self, gravity: Array) -> Array:
         """The same under another gravity, (3,) m/s²."""
-        weight: NDArray[np.float64] = self.vertex_mass[:, None] * gravity
+        weight: Array = self.vertex_mass[:, None] * gravity
         return weight if self.load is None else weight + np.where(self.pinned[:, None], 0.0, self.load)
 
     @cached_property
@@ -129,7 +130,7 @@ class Scene:
         return scene
 
     @property
-    def free(self) -> NDArray[np.int64]:
+    def free(self) -> Indices:
         """The vertices that move, (f,) int64."""
         return np.flatnonzero(~self.pinned)
 
@@ -140,7 +141,7 @@ def make_scene(
     properties: Properties,
     gravity: tuple[float, float, float],
     time_step: float,
-    load: NDArray[np.float64] | None = None,
+    load: Array | None = None,
 ) -> Scene:
     """A scene of given material properties; gravity in m/s², time step in s, load (n, 3) in N."""
     mu, lam = lame_parameters(properties.youngs_modulus, properties.poisson_ratio)

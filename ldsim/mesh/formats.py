@@ -12,8 +12,8 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
 from ldsim.mesh.triangles import Triangles
@@ -38,7 +38,7 @@ class MeshFile:
 
     mesh: Mesh
     dropped_vertices: int
-    cell_data: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    cell_data: Mapping[str, Array] = field(default_factory=dict)
 
 
 def read_mesh(path: str | Path, scale: float = 1.0) -> MeshFile:
@@ -165,7 +165,7 @@ def _groups(raw: meshio.Mesh) -> dict[str, Group]:
     return {name: group for name, group in groups.items() if len(group.vertices)}
 
 
-def _members(raw: meshio.Mesh, i: int, block: meshio.CellBlock) -> dict[str, NDArray[np.int64]]:
+def _members(raw: meshio.Mesh, i: int, block: meshio.CellBlock) -> dict[str, Indices]:
     """The entities of block `i` that belong to each part: sets by name, tags by name or number."""
     sets = {name: indices[i] for name, indices in raw.cell_sets.items() if not name.startswith("gmsh:")}
     members = {name: np.asarray(found, dtype=np.int64) for name, found in sets.items() if found is not None}
@@ -183,7 +183,7 @@ def _tag_name(raw: meshio.Mesh, dim: int, tag: int) -> str:
     return names[0] if names else f"{ENTITIES[dim]}_{tag}"
 
 
-def _point_parts(raw: meshio.Mesh) -> dict[str, NDArray[np.int64]]:
+def _point_parts(raw: meshio.Mesh) -> dict[str, Indices]:
     """The vertices of each set of points, and of each number that points are marked with."""
     parts = {name: np.unique(np.asarray(found, dtype=np.int64)) for name, found in raw.point_sets.items()}
     tags = np.asarray(raw.point_data.get("medit:ref", np.zeros(0)))
@@ -196,7 +196,7 @@ def _union(parts: list[Group]) -> Group:
     return Group(vertices.astype(np.int64), cells.astype(np.int64))
 
 
-def _cell_data(raw: meshio.Mesh) -> dict[str, NDArray[np.float64]]:
+def _cell_data(raw: meshio.Mesh) -> dict[str, Array]:
     """The scalars of the volume cells, by name, in the order of the mesh's cells."""
     volume = [i for i, block in enumerate(raw.cells) if block.dim == 3 and len(block.data)]
     columns = {name: [np.asarray(data[i]) for i in volume] for name, data in raw.cell_data.items()}

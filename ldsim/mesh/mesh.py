@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
 
 NODES_PER_CELL = {"tet4": 4, "hex8": 8}
@@ -45,8 +46,8 @@ class Group:
         cells: the cells of the part, (c,) int64, ascending; none where the part is of faces, edges or points.
     """
 
-    vertices: NDArray[np.int64]
-    cells: NDArray[np.int64]
+    vertices: Indices
+    cells: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class Mesh:
         MeshError: on a wrong shape, a coordinate that is not finite, or an index out of range.
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Array
     cells: NDArray[np.int32]
     cell_type: str
     groups: Mapping[str, Group] = field(default_factory=dict)
@@ -94,7 +95,7 @@ class Mesh:
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
 
-def check_indices(vertices: NDArray[np.float64], cells: NDArray[np.integer], nodes: int, what: str, count: str) -> None:
+def check_indices(vertices: Array, cells: NDArray[np.integer], nodes: int, what: str, count: str) -> None:
     """Refuse vertices, (n, 3), or what refers to them, (count, nodes), that make no mesh; `what` is one of these.
 
     Raises:
@@ -117,7 +118,7 @@ def check_indices(vertices: NDArray[np.float64], cells: NDArray[np.integer], nod
         raise MeshError(f"{what} {row} refers to vertices {cells[row].tolist()}; allowed are 0 … {len(vertices) - 1}")
 
 
-def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:
+def corner_volumes(mesh: Mesh) -> Array:
     """Signed volume at each corner of each cell, (m, corners) float64, m³.
 
     The parallelepiped of the corner's edges; a sixth of it for tet4, so that the one corner gives the cell's
@@ -127,7 +128,7 @@ def corner_volumes(mesh: Mesh) -> NDArray[np.float64]:
     x = mesh.vertices[mesh.cells[:, frames]]
     edges = x[:, :, 1:] - x[:, :, :1]
     scale = 1 / 6 if mesh.cell_type == "tet4" else 1.0
-    volumes: NDArray[np.float64] = np.linalg.det(edges) * scale
+    volumes: Array = np.linalg.det(edges) * scale
     return volumes
 
 

@@ -11,14 +11,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ldsim.arrays import Indices
 from ldsim.errors import MeshError
 from ldsim.mesh.triangles import Triangles, face_volumes, winding_number
 
 MERGE_DISTANCE = 1e-6  # of the diagonal: single precision, as STL stores it, and no more
 MAX_HOLE = 0.1  # of the diagonal
 MIN_VOLUME = 1e-9  # of the diagonal cubed
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +142,7 @@ def _filled(surface: Triangles, repairs: list[str]) -> Triangles:
     return Triangles(np.concatenate(vertices), np.concatenate(faces))
 
 
-def _hole_loops(surface: Triangles) -> list[Ints]:
+def _hole_loops(surface: Triangles) -> list[Indices]:
     """The vertices around each hole, in the direction in which the triangles that fill it run."""
     halves = _half_edges(surface)
     key = halves.min(axis=1) * len(surface.vertices) + halves.max(axis=1)
@@ -151,7 +150,7 @@ def _hole_loops(surface: Triangles) -> list[Ints]:
     after: defaultdict[int, list[int]] = defaultdict(list)
     for end, start in halves[counts[inverse] == 1].tolist():
         after[start].append(end)
-    loops: list[Ints] = []
+    loops: list[Indices] = []
     for start in list(after):
         while after[start]:
             loop = [start]
@@ -188,13 +187,13 @@ def _lies_in(part: Triangles, other: Triangles) -> bool:
     return abs(winding_number(other, point)) > 0.5
 
 
-def _half_edges(surface: Triangles) -> Ints:
+def _half_edges(surface: Triangles) -> Indices:
     """The directed edges of all triangles, (3f, 2): first those from corner 0 to 1, then 1 to 2, then 2 to 0."""
-    edges: Ints = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    edges: Indices = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
     return edges
 
 
-def _neighbours(surface: Triangles) -> tuple[Ints, Ints, NDArray[np.bool_]]:
+def _neighbours(surface: Triangles) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """The two triangles of each edge that has two, and whether they run along it in opposite directions."""
     halves = _half_edges(surface)
     key = halves.min(axis=1) * len(surface.vertices) + halves.max(axis=1)
@@ -205,14 +204,14 @@ def _neighbours(surface: Triangles) -> tuple[Ints, Ints, NDArray[np.bool_]]:
     return first % count, second % count, halves[first, 0] != halves[second, 0]
 
 
-def _components(count: int, pairs: Ints) -> Ints:
+def _components(count: int, pairs: Indices) -> Indices:
     """The connected component of each of `count` nodes, numbered from 0."""
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    labels: Ints = connected_components(graph, directed=False)[1].astype(np.int64)
+    labels: Indices = connected_components(graph, directed=False)[1].astype(np.int64)
     return labels
 
 
-def _turned_over(faces: Ints, turn: NDArray[np.bool_]) -> Ints:
+def _turned_over(faces: Indices, turn: NDArray[np.bool_]) -> Indices:
     turned = faces.copy()
     turned[turn] = turned[turn][:, [0, 2, 1]]
     return turned

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.artefacts.records import StoredModel
 from ldsim.artefacts.training import TrainingStore
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -179,7 +179,7 @@ def _tell_lost(wanted: int, pieces: list[Piece], progress: Progress) -> None:
         progress.tell(f"note: in {bent} of {wanted} poses the solid buckles as soon as it is let go")
 
 
-def _moduli(run: Run, options: TrainOptions) -> tuple[NDArray[np.int64], Array, Array]:
+def _moduli(run: Run, options: TrainOptions) -> tuple[Indices, Array, Array]:
     """Points of the mesh whose moduli the virtual points have, with μ and λ there."""
     elements = run.scene.elements
     count = min(options.condensed.points, len(elements.weights))

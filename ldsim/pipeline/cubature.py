@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import write_cubature
 from ldsim.cubature.choose import Judge, PoseSplit, choose_on_mesh, choose_virtual
 from ldsim.cubature.options import CubatureOptions
@@ -22,8 +23,6 @@ from ldsim.run import Run, latent_space, linear_name
 from ldsim.space.lifting import Lifting
 from ldsim.space.projection import all_coordinates
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 INPUTS = ("scene", "snapshots", "basis", "model")
 # Seconds between restarts of the runs that virtual points are judged by.

@@ -15,8 +15,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import motion_arrays
@@ -153,7 +153,7 @@ def _checkpoint(
     return Checkpoint(identity, _arrays(frame.state), dict(frame.held), counts, np.array(seconds))
 
 
-def _arrays(state: FullState) -> dict[str, NDArray[np.float64] | int]:
+def _arrays(state: FullState) -> dict[str, Array | int]:
     return {
         "u": state.u,
         "u_previous": state.u_previous,

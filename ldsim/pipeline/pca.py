@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import write_basis
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
@@ -21,8 +21,6 @@ from ldsim.space.basis import Basis, inner_product
 from ldsim.space.options import PcaOptions
 from ldsim.space.pca import Pca, errors_against_k, fit_basis, turned
 from ldsim.space.projection import all_coordinates
-
-Array = NDArray[np.float64]
 
 # Synthetic pulls that are run one after another; then the solid is at rest again.
 PULLS_TOGETHER = 10

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import SolverError
 from ldsim.jit import in_threads
@@ -138,7 +138,7 @@ def energy_root(relaxation: Relaxation) -> Array:
     return root
 
 
-def farthest_points(y: Array, count: int, beside: Array | None = None) -> NDArray[np.int64]:
+def farthest_points(y: Array, count: int, beside: Array | None = None) -> Indices:
     """Numbers of `count` rows of y, (N, r): each the farthest from rest, y = 0, from `beside` and those before it."""
     distance, chosen = np.linalg.norm(y, axis=1), np.empty(count, dtype=np.int64)
     if beside is not None and len(beside):

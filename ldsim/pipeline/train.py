@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel, write_model
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.jit import one_thread
@@ -23,8 +23,6 @@ from ldsim.pipeline.progress import SILENT, Bar, Progress
 from ldsim.run import Run, Stage
 from ldsim.space.novelty import fit_novelty
 from ldsim.space.projection import all_coordinates, matching_dimension, reconstruction_error
-
-Array = NDArray[np.float64]
 
 NO_VALIDATION = "warning: no motion has the role validation, so choices and thresholds rest on the training motions"
 

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.jit import njit
 from ldsim.mechanics.elastic import Elements, deformation_gradient
 from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.mechanics.materials.tensors import determinant
 from ldsim.mechanics.scene import Scene
 
-Array = NDArray[np.float64]
-
 FIELDS = ("energy", "stress")
 
 
 @njit(cache=True, nogil=True)
-def energy_and_stress(elements: Elements, points: NDArray[np.int64], u: Array, values: Array) -> None:
+def energy_and_stress(elements: Elements, points: Indices, u: Array, values: Array) -> None:
     """Writes Ψ, J/m³, and the von Mises stress of σ = P Fᵀ / det F, Pa, of the given points into `values` (2, p)."""
     for i in range(points.shape[0]):
         s = points[i]
@@ -45,7 +43,7 @@ def elastic_energy(scene: Scene, u: Array, material_scale: float = 1.0) -> float
 class VertexField:
     """Averages over the quadrature points that touch each of some vertices (v,), by volume."""
 
-    def __init__(self, scene: Scene, vertices: NDArray[np.int64]) -> None:
+    def __init__(self, scene: Scene, vertices: Indices) -> None:
         self._elements = scene.elements
         local = np.full(scene.mesh.n_vertices, -1)
         local[vertices] = np.arange(len(vertices))

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import kernel
-
-Array = NDArray[np.float64]
 
 ACTIVATIONS = {"elu": 0, "relu": 1, "tanh": 2, "sigmoid": 3}
 LOG2_E = 1.0 / math.log(2.0)

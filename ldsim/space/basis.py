@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

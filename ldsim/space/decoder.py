@@ -13,12 +13,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.jit import copy, kernel
 from ldsim.space.activation import ACTIVATIONS, activate, slope
-
-Array = NDArray[np.float64]
 
 REASSOCIATE = {"reassoc", "contract", "nsz"}
 
@@ -31,7 +29,7 @@ class Layers(NamedTuple):
     for none. activation: a number of `ACTIVATIONS`.
     """
 
-    sizes: NDArray[np.int64]
+    sizes: Indices
     weights: Array
     biases: Array
     rest: Array

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.space.decoder import Decoder, check_layers
-
-Array = NDArray[np.float64]
 
 
 def _activate(kind: str, x: Array) -> Array:

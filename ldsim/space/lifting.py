@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import cg
 
+from ldsim.arrays import Array, Indices
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.space.pca import Chunks
-
-Array = NDArray[np.float64]
 
 # The entries of (A − I | b) of one support.
 ENTRIES = 12
@@ -40,7 +39,7 @@ class Lifting:
     """
 
     fields: Array
-    supports: tuple[NDArray[np.int64], ...]
+    supports: tuple[Indices, ...]
     pinned: NDArray[np.bool_]
 
     @classmethod
@@ -88,7 +87,7 @@ class Lifting:
         """a of some motions one after the other, (N, l)."""
         return np.concatenate([np.empty((0, self.count)), *(self.coordinates(motion) for motion in motions)])
 
-    def _number(self, moved: NDArray[np.int64]) -> int:
+    def _number(self, moved: Indices) -> int:
         for i, vertices in enumerate(self.supports):
             if moved is vertices or np.array_equal(vertices, moved):
                 return i
@@ -118,7 +117,7 @@ class Lifting:
         return relative
 
 
-def harmonic_weights(scene: Scene, supports: Sequence[NDArray[np.int64]]) -> list[Array]:
+def harmonic_weights(scene: Scene, supports: Sequence[Indices]) -> list[Array]:
     """For each support ∇²w = 0 with w = 1 at its vertices and 0 at all other pins, (n,) float64 each.
 
     Raises:

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from ldsim.arrays import Array
 from ldsim.jit import njit
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder, nearest_latent
-
-Array = NDArray[np.float64]
 
 LANDMARKS = 256
 # How long a run remembers that it was far from the training codes, seconds.

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh, solve_triangular
 from scipy.sparse import csr_array
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.jit import njit
 from ldsim.space.basis import Basis, is_identity, weighted
 from ldsim.space.options import PcaOptions
 
-Array = NDArray[np.float64]
 Chunks = Callable[[], Iterable[NDArray[np.float32]]]
 
 # Columns that are multiplied at a time, and the share of the largest singular value down to which it serves to sum

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.pca import Chunks
-
-Array = NDArray[np.float64]
 
 
 def all_coordinates(chunks: Chunks, basis: Basis) -> Array:

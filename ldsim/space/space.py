@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
 from ldsim.mechanics.scene import Scene
@@ -25,8 +26,6 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY, Encoder, nearest_latent
 from ldsim.space.lifting import Lifting
 from ldsim.space.novelty import Novelty
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

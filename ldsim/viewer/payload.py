@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.mechanics.quadrature import reference_points
 from ldsim.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 FRAME, FIELD = 1, 2
 # The page draws no more grabs than this, and the server holds no more.

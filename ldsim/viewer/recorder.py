@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import MotionError
 from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import write_recording
 from ldsim.simulator import Handle, Simulator
-
-Array = NDArray[np.float64]
 
 
 class Recorder:

@@ -10,8 +10,8 @@ import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import LdsimError
 from ldsim.simulator import Handle, Simulator, StepRecord
 from ldsim.simulator.fields import FIELDS, VertexField
@@ -19,8 +19,6 @@ from ldsim.viewer import protocol
 from ldsim.viewer.payload import MAX_GRABS, GrabFrame, field_bytes, frame_bytes, space_block
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.state import Audience, Errors, Held, Look, space_frame
-
-Array = NDArray[np.float64]
 
 TICK = 1 / 60
 FIELD_EVERY = 0.1

@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.simulator import Handle, Outcome, Simulator, StepRecord
 from ldsim.viewer.payload import SpaceFrame
-
-Array = NDArray[np.float64]
 
 # From the best to the worst; the page knows an outcome by its place here.
 OUTCOMES = tuple(Outcome)

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba.core import types
 from numba.experimental import structref
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.minimiser import Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
 from ldsim.dynamics.reduced.state import fields
 from ldsim.jit import njit
-
-Array = NDArray[np.float64]
 
 
 @structref.register

@@ -6,9 +6,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, value_gradient
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.jit import copy, kernel
@@ -16,8 +14,6 @@ from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_st
 from ldsim.optimise.minimiser import CURVED, backward_loop, forward_loop
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian
-
-Array = NDArray[np.float64]
 
 CONVERGED = int(Reason.CONVERGED)
 ITERATIONS_SPENT = int(Reason.ITERATIONS_SPENT)

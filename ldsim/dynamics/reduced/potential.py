@@ -16,11 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import kernel
 from ldsim.mechanics.materials.kernels import weighted_stresses
 from ldsim.space.decoder import REASSOCIATE, Decoder, Layers, decode, decode_vjp
-
-Array = NDArray[np.float64]
 
 # Pairs that L-BFGS remembers (paper, Sec. 5.2).
 WINDOW = 8

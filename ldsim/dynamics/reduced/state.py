@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.jit import njit
 from ldsim.mechanics.loads import Loads
 
 AT_REST = Loads()
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @njit(cache=True, inline="always")

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import strain_maps
 from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
@@ -27,9 +28,6 @@ from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.basis import Basis
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Iterations that making the current tangent costs, and after which a step gives its preconditioner up. BFGS mends its
 # preconditioner by itself.

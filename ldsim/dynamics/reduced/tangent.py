@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, inner, strains
 from ldsim.jit import copy, kernel
 from ldsim.mechanics.materials.kernels import deformation, tangent
 from ldsim.mechanics.materials.tensors import Matrix, Symmetric
 from ldsim.space.decoder import REASSOCIATE
-
-Array = NDArray[np.float64]
 
 
 @kernel()
