@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+from pathlib import Path
 from typing import Never
 
 import click
@@ -45,6 +46,7 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(f"ldsim.cli.{name}").command
+        command.params += [own for own in self.params if own not in command.params]  # --version
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -70,6 +72,9 @@ class LazyGroup(click.Group):
             )
 
 
+config_argument = click.argument("config", type=click.Path(path_type=Path))
+run_argument = click.argument("run", type=click.Path(path_type=Path))
+runs_option = click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
 port_option = click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any that is free.")
 browser_option = click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
 until_closed_option = click.option("--until-closed", is_flag=True, help="End when the page is closed.")

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
 from ldsim.report.compare import compare
 
 
 @click.command("compare", help="Put finished RUNs, such as runs/x runs/beam, side by side on one page.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("runs", metavar="RUN...", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
     "-o",

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ldsim import __version__
+from ldsim.cli.app import run_argument
 from ldsim.export.formats import FORMATS, Choice, export
 from ldsim.jit import one_thread
 from ldsim.run import AUTO, SPACES, Run
@@ -18,8 +18,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 
 
 @click.command("export", help="Write a run's motion or model for other programs.", epilog=EPILOG)
-@click.version_option(__version__, "--version", prog_name="ldsim")
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.option("--format", "name", metavar="NAME", help="One of the formats below.")
 @click.option("--playground", is_flag=True, help="The same as --format playground.")
 @click.option("--motion", metavar="NAME", help="Which motion; left out, the run's first.")

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
 from ldsim.artefacts.store import dataset_names, read_header, reading
 from ldsim.cli.app import printable
 from ldsim.report.overview import told
 
 
 @click.command("info", help="Say what a RUN came to, or print the header and contents of an artefact's FILE.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("file", metavar="RUN|FILE", type=click.Path(path_type=Path))
 def command(file: Path) -> None:
     if file.is_dir():

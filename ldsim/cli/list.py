@@ -6,14 +6,12 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
-from ldsim.cli.app import printable
+from ldsim.cli.app import printable, runs_option
 from ldsim.report.overview import listed
 
 
 @click.command("list", help="All runs: how far each has come, and how good it is.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
-@click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+@runs_option
 def command(runs: Path) -> None:
     for line in listed(runs):
         click.echo(printable(line))

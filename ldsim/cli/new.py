@@ -6,17 +6,16 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
+from ldsim.cli.app import runs_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
 from ldsim.settings.new import NewOptions, new
 
 
 @click.command("new", help="Look at a solid, a SURFACE or MESH file or a --shape, and write settings that fit it.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("source", metavar="[SURFACE|MESH]", required=False, type=click.Path(path_type=Path))
 @flags_of(NewOptions)
-@click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+@runs_option
 def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:

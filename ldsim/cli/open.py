@@ -7,14 +7,12 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
-from ldsim.cli.app import browser_option
+from ldsim.cli.app import browser_option, run_argument
 from ldsim.report.overview import page_of
 
 
 @click.command("open", help="Open the report of a RUN, such as runs/demo, in the browser.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @browser_option
 def command(run: Path, browser: bool) -> None:
     page = page_of(run)

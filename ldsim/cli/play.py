@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
-from ldsim.cli.app import browser_option, port_option, until_closed_option
+from ldsim.cli.app import browser_option, port_option, run_argument, until_closed_option
 from ldsim.cli.stage import Bars
 from ldsim.jit import kernel_cache
 from ldsim.viewer.playground import play_server
@@ -15,8 +14,7 @@ from ldsim.viewer.serving import serve
 
 
 @click.command("play", help="Pull the solid of a finished RUN, such as runs/demo, in the browser.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.option(
     "--space",
     "spaces",

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from ldsim import __version__
 from ldsim.cli.app import browser_option, port_option, until_closed_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
@@ -16,7 +15,6 @@ from ldsim.viewer.serving import serve
 
 
 @click.command("record", help="Pull the solid of a configuration, or of a MESH or surface file, and record it.")
-@click.version_option(__version__, "--version", prog_name="ldsim")
 @click.argument("source", metavar="CONFIG|MESH", type=click.Path(path_type=Path))
 @flags_of(RecordOptions)
 @port_option

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.parameters import on_configuration
+from ldsim.cli.app import config_argument, runs_option
 from ldsim.pipeline.solid import solid_of
 from ldsim.run import Run
 from ldsim.settings import load_settings
 
 
-@on_configuration("settings", "Check a configuration and print it with defaults.")
+@click.command("settings", help="Check a configuration and print it with defaults.")
+@config_argument
+@runs_option
 def command(config: Path, runs: Path) -> None:
     settings = load_settings(config)
     click.echo(settings.dump(), nl=False)

@@ -13,7 +13,7 @@ from typing import Any, Literal, Never, TypeVar, get_args, get_origin
 import click
 from tqdm import tqdm
 
-from ldsim import __version__
+from ldsim.cli.app import config_argument, runs_option
 from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
@@ -113,9 +113,8 @@ def stage_command(
 
     def wrap(function: Callable[..., None]) -> click.Command:
         @click.command(name, help=description)
-        @click.argument("config", type=click.Path(path_type=Path))
-        @click.version_option(__version__, "--version", prog_name="ldsim")
-        @click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+        @config_argument
+        @runs_option
         def command(config: Path, runs: Path, **values: object) -> None:
             settings = load_settings(config)
             with Run(runs / settings.experiment, settings.experiment) as run:
