@@ -9,7 +9,7 @@ import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import h5py
 import numpy as np
@@ -35,7 +35,7 @@ class Checkpoint:
     """
 
     identity: str
-    state: Mapping[str, Array | int]
+    state: Mapping[str, Any]
     held: Mapping[int, Indices]
     statistics: Mapping[str, Indices]
     seconds: Array

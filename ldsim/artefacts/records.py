@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array
-from ldsim.artefacts.store import Header, pieces, read_header, reading, write
+from ldsim.artefacts.store import Header, optional, pieces, read_header, reading, write
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import ArtefactError, SolverError
@@ -27,9 +28,7 @@ from ldsim.space.pca import Pca
 def write_scene(path: Path, header: Header, scene: Scene) -> None:
     """Write scene.h5."""
     points = scene.points
-    optional: dict[str, NDArray[np.generic]] = {} if scene.load is None else {"load": scene.load}
-    for name, group in scene.mesh.groups.items():
-        optional[f"groups/{name}/vertices"], optional[f"groups/{name}/cells"] = group.vertices, group.cells
+    groups = scene.mesh.groups.items()
     write(
         path,
         header,
@@ -47,7 +46,9 @@ def write_scene(path: Path, header: Header, scene: Scene) -> None:
             "pinned": scene.pinned,
             "gravity": scene.gravity,
             "time_step": np.float64(scene.time_step),
-            **optional,
+            "load": scene.load,
+            **{f"groups/{name}/vertices": group.vertices for name, group in groups},
+            **{f"groups/{name}/cells": group.cells for name, group in groups},
         },
     )
 
@@ -68,7 +69,7 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
             file["pinned"][:],
             file["gravity"][:],
             float(file["time_step"][()]),
-            file["load"][:] if "load" in file else None,
+            optional(file, "load"),
         )
         return scene, read_header(file)
 
@@ -76,17 +77,7 @@ def read_scene(path: Path) -> tuple[Scene, Header]:
 def write_basis(path: Path, header: Header, pca: Pca) -> None:
     """Write basis.h5; its inner product goes into the header's notes."""
     kind = "euclidean" if is_identity(pca.basis.metric) else "mass"
-    datasets: dict[str, NDArray[np.generic] | float | int] = {
-        "U": pca.basis.matrix,
-        "singular_values": pca.singular_values,
-        "max_error": pca.max_error,
-        "mean_error": pca.mean_error,
-    }
-    if pca.validation_max_error is not None and pca.validation_mean_error is not None:
-        datasets["validation_max_error"] = pca.validation_max_error
-        datasets["validation_mean_error"] = pca.validation_mean_error
-    if pca.synthetic is not None:
-        datasets["synthetic"] = pca.synthetic
+    datasets = {"U": pca.basis.matrix} | {name: values for name, values in vars(pca).items() if name != "basis"}
     write(path, replace(header, notes={**header.notes, "inner_product": kind}), datasets)
 
 
@@ -96,12 +87,7 @@ def read_basis(path: Path, scene: Scene) -> tuple[Pca, Header]:
         header = read_header(file)
         metric = inner_product(scene.mass, str(header.notes["inner_product"]))
         basis = Basis.of(file["U"][:], metric)
-        found = [file[name][:] for name in ("singular_values", "max_error", "mean_error")]
-        validation = [
-            file[name][:] if name in file else None for name in ("validation_max_error", "validation_mean_error")
-        ]
-        synthetic = file["synthetic"][:] if "synthetic" in file else None
-        return replace(Pca(basis, *found, *validation), synthetic=synthetic), header
+        return Pca(basis, **{name: data[:] for name, data in file.items() if name != "U"}), header
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,29 +136,18 @@ class StoredModel:
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
     """Write model.h5; the activation goes into the header's notes."""
-    datasets: dict[str, NDArray[np.generic] | float | int] = {
-        "loss": model.loss,
-        "search": model.search,
-        "errors": model.errors,
-        "kp": model.kp,
-        "best_epoch": model.best_epoch,
-    }
-    if model.decoder.skip is not None:
-        datasets["skip"] = model.decoder.skip
-    if model.columns is not None and model.potential is not None:
+    names = ("loss", "search", "search_own", "errors", "kp", "best_epoch", "columns")
+    datasets = {"skip": model.decoder.skip} | {name: getattr(model, name) for name in names}
+    if model.potential is not None:
         rule = model.potential
-        datasets |= {"columns": model.columns, "potential/points": rule.points, "potential/weights": rule.weights}
-        datasets |= {"potential/maps": np.asarray(rule.maps), "potential/material": int(rule.material or 0)}
+        datasets |= {"potential/points": rule.points, "potential/weights": rule.weights}
+        datasets |= {"potential/maps": rule.maps, "potential/material": int(rule.material or 0)}
         datasets["potential/errors"] = np.array([rule.training_error, rule.heldout_error])
-    if model.search_own is not None:
-        datasets["search_own"] = model.search_own
     if model.novelty is not None:
-        datasets |= {"novelty/landmarks": model.novelty.landmarks, "novelty/reach": model.novelty.reach}
-        datasets["novelty/threshold"] = model.novelty.threshold
-    for i, (weight, bias) in enumerate(zip(model.decoder.weights, model.decoder.biases, strict=True)):
-        datasets[f"decoder/weights_{i}"], datasets[f"decoder/biases_{i}"] = weight, bias
-    for i, (weight, bias) in enumerate(zip(model.encoder.weights, model.encoder.biases, strict=True)):
-        datasets[f"encoder/weights_{i}"], datasets[f"encoder/biases_{i}"] = weight, bias
+        datasets |= {f"novelty/{name}": values for name, values in vars(model.novelty).items()}
+    for name, network in (("decoder", model.decoder), ("encoder", model.encoder)):
+        datasets |= {f"{name}/weights_{i}": weight for i, weight in enumerate(network.weights)}
+        datasets |= {f"{name}/biases_{i}": bias for i, bias in enumerate(network.biases)}
     write(path, header, datasets)
 
 
@@ -182,18 +157,17 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
         header = read_header(file)
         activation = str(header.notes["activation"])
         up, down = _layers(file["decoder"]), _layers(file["encoder"])
-        skip = file["skip"][:] if "skip" in file else None
         model = StoredModel(
-            Decoder.network(*up, activation=activation, skip=skip),
+            Decoder.network(*up, activation=activation, skip=optional(file, "skip")),
             Encoder(tuple(down[0]), tuple(down[1]), activation),
             file["loss"][:],
             file["search"][:],
             file["errors"][:],
             int(file["kp"][()]),
             int(file["best_epoch"][()]),
-            file["search_own"][:] if "search_own" in file else None,
+            optional(file, "search_own"),
             _novelty(file["novelty"]) if "novelty" in file else None,
-            file["columns"][:] if "columns" in file else None,
+            optional(file, "columns"),
             _potential(file["potential"]) if "potential" in file else None,
         )
         return model, header
@@ -216,10 +190,10 @@ def _layers(group: h5py.Group) -> tuple[list[Array], list[Array]]:
 
 def write_cubature(path: Path, header: Header, spaces: dict[str, RulePath]) -> None:
     """Write cubature.h5 with one group a space."""
-    datasets: dict[str, NDArray[np.generic] | float | int] = {}
+    datasets: dict[str, Any] = {}
     for space, found in spaces.items():
         rules = found.rules
-        stored: dict[str, NDArray[np.generic] | float | int] = {
+        stored = {
             "chosen": found.chosen,
             "path_sizes": np.array([len(rule.points) for rule in rules], dtype=np.int64),
             "path_errors": np.array([[rule.training_error, rule.heldout_error] for rule in rules]),
@@ -229,13 +203,10 @@ def write_cubature(path: Path, header: Header, spaces: dict[str, RulePath]) -> N
         }
         if found.virtual is not None:
             rule = found.virtual.rule
-            assert rule.maps is not None
             errors = np.array([rule.training_error, rule.heldout_error, rule.perturbed_error])
             stored |= {"virtual_points": rule.points, "virtual_weights": rule.weights, "virtual_maps": rule.maps}
             stored |= {"virtual_errors": errors, "virtual_closure": found.virtual.closure}
-            stored |= {"virtual_judged": found.virtual.judged}
-            if rule.material is not None:
-                stored["virtual_material"] = rule.material
+            stored |= {"virtual_judged": found.virtual.judged, "virtual_material": rule.material}
         datasets |= {f"{space}/{name}": values for name, values in stored.items()}
     write(path, header, datasets)
 

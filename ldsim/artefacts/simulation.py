@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.artefacts.store import Header, read_header, reading, write
@@ -20,13 +17,10 @@ Fresh = Mapping[str, Array]
 
 def write_simulation(path: Path, header: Header, runs: Runs, fresh: Fresh | None = None) -> None:
     """Write simulation.h5 from space → motion → trajectory, and space → online errors of fresh motions."""
-    datasets: dict[str, NDArray[np.generic] | float | int] = {f"fresh/{name}": e for name, e in (fresh or {}).items()}
+    datasets = {f"fresh/{name}": errors for name, errors in (fresh or {}).items()}
     for space, motions in runs.items():
         for motion, trajectory in motions.items():
-            for entry in fields(trajectory):
-                values = getattr(trajectory, entry.name)
-                if values is not None:
-                    datasets[f"runs/{space}/{motion}/{entry.name}"] = values
+            datasets |= {f"runs/{space}/{motion}/{name}": values for name, values in vars(trajectory).items()}
     write(path, header, datasets)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
-from ldsim.artefacts.store import Header, pieces, read_header, reading
+from ldsim.artefacts.store import Header, optional, pieces, read_header, reading
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Drag, Motion, Support
 
@@ -50,11 +50,11 @@ def motion_arrays(motion: Motion, held: Mapping[int, Indices]) -> dict[str, NDAr
     """A motion and its held vertices as arrays."""
     drags, supports = motion.drags, motion.supports
     vertices = [held.get(i, np.empty(0, dtype=np.int64)) for i in range(len(drags))]
-    optional: dict[str, NDArray[np.generic]] = {} if motion.gravity is None else {"gravity": motion.gravity}
+    some: dict[str, NDArray[np.generic]] = {} if motion.gravity is None else {"gravity": motion.gravity}
     if supports:
-        optional["support_maps"] = np.stack([support.maps for support in supports])
-        optional["support_vertices"] = np.concatenate([support.vertices for support in supports])
-        optional["support_count"] = np.array([len(support.vertices) for support in supports], dtype=np.int64)
+        some["support_maps"] = np.stack([support.maps for support in supports])
+        some["support_vertices"] = np.concatenate([support.vertices for support in supports])
+        some["support_count"] = np.array([len(support.vertices) for support in supports], dtype=np.int64)
     return {
         "drag_start": np.array([drag.start for drag in drags], dtype=np.int64),
         "drag_frames": np.array([len(drag.targets) for drag in drags], dtype=np.int64),
@@ -65,7 +65,7 @@ def motion_arrays(motion: Motion, held: Mapping[int, Indices]) -> dict[str, NDAr
         "targets": np.concatenate([np.empty((0, 3)), *(drag.targets for drag in drags)]),
         "held": np.concatenate([np.empty(0, dtype=np.int64), *vertices]),
         "held_count": np.array([len(v) for v in vertices], dtype=np.int64),
-        **optional,
+        **some,
     }
 
 
@@ -79,8 +79,7 @@ def read_motion(group: h5py.Group, name: str) -> tuple[Motion, dict[int, Indices
         for start, point, radius, stiffness, at_rest, target in zip(*columns, targets, strict=True)
     )
     settled = {i: vertices for i, vertices in enumerate(held) if len(vertices)}
-    gravity = group["gravity"][:] if "gravity" in group else None
-    return Motion(name, int(group.attrs["frames"]), drags, gravity, _supports(group)), settled
+    return Motion(name, int(group.attrs["frames"]), drags, optional(group, "gravity"), _supports(group)), settled
 
 
 def _supports(group: h5py.Group) -> tuple[Support, ...]:

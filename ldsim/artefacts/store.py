@@ -71,7 +71,11 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def write(path: Path, header: Header, given: Mapping[str, NDArray[np.generic] | float | int]) -> None:
+# By path; where there is nothing to say, None stands for a dataset that is left out.
+Given = Mapping[str, NDArray[np.generic] | float | int | None]
+
+
+def write(path: Path, header: Header, given: Given) -> None:
     """Write an artefact whole.
 
     Raises:
@@ -80,7 +84,8 @@ def write(path: Path, header: Header, given: Mapping[str, NDArray[np.generic] | 
     with creating(path, lambda file: check_datasets(file, header.kind, path)) as file:
         write_header(file, header)
         for name, values in given.items():
-            file.create_dataset(name, data=values)
+            if values is not None:
+                file.create_dataset(name, data=values)
 
 
 def write_header(file: h5py.File, header: Header) -> None:
@@ -149,6 +154,11 @@ def read_header(file: h5py.File) -> Header:
         ldsim_version=str(attributes["ldsim_version"]),
         created=str(attributes["created"]),
     )
+
+
+def optional(group: h5py.Group, name: str) -> NDArray[Any] | None:
+    """A dataset that need not be there."""
+    return group[name][:] if name in group else None
 
 
 def _plain(name: str, value: object) -> str | float | int:

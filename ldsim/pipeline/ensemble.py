@@ -16,14 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ldsim.arrays import Array
 from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
 from ldsim.artefacts.records import read_scene
-from ldsim.artefacts.snapshots import motion_arrays
+from ldsim.artefacts.snapshots import STATISTICS, motion_arrays
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
-from ldsim.dynamics.simulate import Frame, simulate
+from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion
@@ -111,20 +110,20 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
         if checkpoint is None:
             store.start()
-            checkpoint = _beginning(identity, stepper)
+            none = np.empty(0, dtype=np.int64)
+            checkpoint = Checkpoint(identity, vars(stepper.rest()), {}, dict.fromkeys(STATISTICS, none), np.empty(0))
         statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
         seconds = list(checkpoint.seconds)
         frames = range(checkpoint.frames, motion.frames)
         started = time.perf_counter()
-        made = simulate(stepper, motion, _state(checkpoint), frames, checkpoint.held)
+        made = simulate(stepper, motion, FullState(**checkpoint.state), frames, checkpoint.held)
         for frame in none_lost(stepper, made):
-            solution = frame.solution
             seconds.append(time.perf_counter() - started)
-            statistics["iterations"].append(solution.iterations)
-            statistics["evaluations"].append(solution.evaluations)
-            statistics["reason"].append(int(solution.reason))
+            for name, values in statistics.items():
+                values.append(int(getattr(frame.solution, name)))
+            counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
             store.append(frame.state.u)
-            store.write_checkpoint(_checkpoint(identity, frame, statistics, seconds))
+            store.write_checkpoint(Checkpoint(identity, vars(frame.state), frame.held, counts, np.array(seconds)))
             if not lease.holds():
                 raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
             started = time.perf_counter()
@@ -137,38 +136,3 @@ def run_identity(scene_path: Path, motion: Motion, options: FullOptions) -> str:
     for name, values in motion_arrays(motion, {}).items():
         digest.update(name.encode() + values.tobytes())
     return digest.hexdigest()
-
-
-def _beginning(identity: str, stepper: FullStepper) -> Checkpoint:
-    none = np.empty(0, dtype=np.int64)
-    return Checkpoint(
-        identity, _arrays(stepper.rest()), {}, {"iterations": none, "evaluations": none, "reason": none}, np.empty(0)
-    )
-
-
-def _checkpoint(
-    identity: str, frame: Frame[FullState], statistics: dict[str, list[int]], seconds: list[float]
-) -> Checkpoint:
-    counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
-    return Checkpoint(identity, _arrays(frame.state), dict(frame.held), counts, np.array(seconds))
-
-
-def _arrays(state: FullState) -> dict[str, Array | int]:
-    return {
-        "u": state.u,
-        "u_previous": state.u_previous,
-        "u_factor": state.u_factor,
-        "fresh_iterations": state.fresh_iterations,
-        "excess": state.excess,
-    }
-
-
-def _state(checkpoint: Checkpoint) -> FullState:
-    arrays = checkpoint.state
-    return FullState(
-        np.asarray(arrays["u"], dtype=np.float64),
-        np.asarray(arrays["u_previous"], dtype=np.float64),
-        np.asarray(arrays["u_factor"], dtype=np.float64),
-        int(arrays["fresh_iterations"]),
-        int(arrays["excess"]),
-    )
