@@ -19,16 +19,27 @@ from ldsim.jit import njit
 
 
 def _routine(module: str, name: str, arguments: int) -> Any:
-    """A routine that takes so many pointers, as compiled code calls it."""
-    symbol = f"ldsim_{name}"
-    llvmlite.binding.add_symbol(symbol, get_cython_function_address(f"scipy.linalg.{module}", name))
-    return types.ExternalFunction(symbol, types.void(*[types.voidptr] * arguments))
+    """A routine in both precisions, as compiled code calls it: with the size of a number, and so many pointers."""
+    both = []
+    for letter in "sd":
+        symbol = f"ldsim_{letter}{name}"
+        address = get_cython_function_address(f"scipy.linalg.{module}", letter + name)
+        llvmlite.binding.add_symbol(symbol, address)
+        both.append(types.ExternalFunction(symbol, types.void(*[types.voidptr] * arguments)))
+    single, double = both
+
+    @njit
+    def call(itemsize, *pointers):  # type: ignore[no-untyped-def]
+        if itemsize == 8:
+            double(*pointers)
+        else:
+            single(*pointers)
+
+    return call
 
 
-_dpotrf, _spotrf = (_routine("cython_lapack", name, 5) for name in ("dpotrf", "spotrf"))
-_dtrtri, _strtri = (_routine("cython_lapack", name, 6) for name in ("dtrtri", "strtri"))
-_dtrsm, _strsm = (_routine("cython_blas", name, 11) for name in ("dtrsm", "strsm"))
-_dsyrk, _ssyrk = (_routine("cython_blas", name, 10) for name in ("dsyrk", "ssyrk"))
+_potrf, _trtri = _routine("cython_lapack", "potrf", 5), _routine("cython_lapack", "trtri", 6)
+_trsm, _syrk = _routine("cython_blas", "trsm", 11), _routine("cython_blas", "syrk", 10)
 
 
 @njit
@@ -45,10 +56,7 @@ def _number(n: int) -> Numbers:
 def potrf(D: Numbers) -> int:
     """D ← L with L Lᵀ = D; the upper triangle is set to zero. The first pivot, from 1, that is not positive, or 0."""
     lower, n, fault = _letter("L"), _number(D.shape[0]), _number(0)
-    if D.itemsize == 8:
-        _dpotrf(lower.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
-    else:
-        _spotrf(lower.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
+    _potrf(D.itemsize, lower.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
     for j in range(1, D.shape[0]):
         for i in range(j):
             D[i, j] = 0
@@ -59,10 +67,7 @@ def potrf(D: Numbers) -> int:
 def trtri(D: Numbers) -> None:
     """D ← D⁻¹ of a lower triangle."""
     lower, plain, n, fault = _letter("L"), _letter("N"), _number(D.shape[0]), _number(0)
-    if D.itemsize == 8:
-        _dtrtri(lower.ctypes, plain.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
-    else:
-        _strtri(lower.ctypes, plain.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
+    _trtri(D.itemsize, lower.ctypes, plain.ctypes, n.ctypes, D.ctypes, n.ctypes, fault.ctypes)
 
 
 @njit
@@ -70,16 +75,10 @@ def trsm(L: Numbers, B: Numbers) -> None:
     """B ← B L⁻ᵀ."""
     right, lower, turned, plain = _letter("R"), _letter("L"), _letter("T"), _letter("N")
     rows, columns, one = _number(B.shape[0]), _number(B.shape[1]), np.ones(1, dtype=B.dtype)
-    if B.itemsize == 8:
-        _dtrsm(
-            right.ctypes, lower.ctypes, turned.ctypes, plain.ctypes, rows.ctypes, columns.ctypes, one.ctypes, L.ctypes,
-            columns.ctypes, B.ctypes, rows.ctypes,
-        )  # fmt: skip
-    else:
-        _strsm(
-            right.ctypes, lower.ctypes, turned.ctypes, plain.ctypes, rows.ctypes, columns.ctypes, one.ctypes, L.ctypes,
-            columns.ctypes, B.ctypes, rows.ctypes,
-        )  # fmt: skip
+    _trsm(
+        B.itemsize, right.ctypes, lower.ctypes, turned.ctypes, plain.ctypes, rows.ctypes, columns.ctypes, one.ctypes,
+        L.ctypes, columns.ctypes, B.ctypes, rows.ctypes,
+    )  # fmt: skip
 
 
 @njit
@@ -88,13 +87,7 @@ def syrk(B: Numbers, C: Numbers) -> None:
     lower, plain, n, k = _letter("L"), _letter("N"), _number(B.shape[0]), _number(B.shape[1])
     one = np.ones(1, dtype=B.dtype)
     minus = -one
-    if B.itemsize == 8:
-        _dsyrk(
-            lower.ctypes, plain.ctypes, n.ctypes, k.ctypes, minus.ctypes, B.ctypes, n.ctypes, one.ctypes, C.ctypes,
-            n.ctypes,
-        )  # fmt: skip
-    else:
-        _ssyrk(
-            lower.ctypes, plain.ctypes, n.ctypes, k.ctypes, minus.ctypes, B.ctypes, n.ctypes, one.ctypes, C.ctypes,
-            n.ctypes,
-        )  # fmt: skip
+    _syrk(
+        B.itemsize, lower.ctypes, plain.ctypes, n.ctypes, k.ctypes, minus.ctypes, B.ctypes, n.ctypes, one.ctypes,
+        C.ctypes, n.ctypes,
+    )  # fmt: skip
