@@ -6,14 +6,13 @@ import click
 
 from ldsim.cli.stage import Call, stage_command
 from ldsim.report.overview import read_first
-from ldsim.report.report import Wanted, report
+from ldsim.report.report import report
 
 
 @stage_command("report", "Write report.json, report.html and figures.")
 def command(call: Call) -> None:
-    settings, folder = call.settings, call.run.folder / "report"
-    wanted = Wanted(settings.report.pictures, settings.cubature.tolerance, settings.train.tolerance_mm)
-    made = report(call.run, wanted, call.progress)
+    folder = call.run.folder / "report"
+    made = report(call.run, call.settings.report, call.progress)
     call.say(folder, f"{made.numbers.verdict.word}; {len(made.figures)} figures")
     statement = made.numbers.statement
     for line in [*([statement.sentence] if statement else []), *read_first(made.numbers)]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ldsim.artefacts.folder import replacing_folder
 from ldsim.artefacts.store import STAGE_OF
+from ldsim.cubature.options import CubatureOptions
 from ldsim.jit import one_thread
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.report.figure import Figure
@@ -24,21 +25,6 @@ from ldsim.report.svg import drawn
 from ldsim.report.verdict import verdict
 from ldsim.report.warnings import warnings_of_numbers, warnings_of_run
 from ldsim.run import Run
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What the settings say.
-
-    Attributes:
-        pictures: whether to show motions.
-        cubature_tolerance: relative error asked of cubature.
-        training_tolerance_mm: largest vertex error asked of the latent space, mm.
-    """
-
-    pictures: bool
-    cubature_tolerance: float
-    training_tolerance_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,23 +43,23 @@ class Report:
     picture: Picture | None
 
 
-def report(run: Run, wanted: Wanted, progress: Progress = SILENT) -> Report:
+def report(run: Run, options: ReportOptions = ReportOptions(), progress: Progress = SILENT) -> Report:
     """The stage report: write the folder report/ of a run that has all its artefacts.
 
     Raises:
         ArtefactError: an artefact is missing or does not fit the others, or the folder cannot be written.
     """
-    begun = run.stage("report", ReportOptions(pictures=wanted.pictures))
+    begun = run.stage("report", options)
     run.space("latent")  # a damaged file is named before the simulation that is stale for it
     run.require(*STAGE_OF, *(["tests"] if run.path("tests").is_file() else []))
     with one_thread(), progress.bar("report", None, "picture") as bar:
-        made = build_report(run, wanted, lambda: begun.cost, bar.update)
+        made = build_report(run, options, lambda: begun.cost, bar.update)
     write_report(run.folder / "report", made)
     return made
 
 
 def build_report(
-    run: Run, wanted: Wanted, cost: Callable[[], Mapping[str, float]], progress: Callable[[], object]
+    run: Run, options: ReportOptions, cost: Callable[[], Mapping[str, float]], progress: Callable[[], object]
 ) -> Report:
     """Collect, draw and lay out everything that there is to say about a run.
 
@@ -81,17 +67,16 @@ def build_report(
         cost: seconds and peak_memory_mb so far; asked when all is drawn.
         progress: called when the animation is drawn.
     """
-    figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, wanted.cubature_tolerance).items()}
-    picture = moving_picture(run) if wanted.pictures else None
+    tolerance = CubatureOptions.of_dump(run.header("cubature").settings).tolerance
+    figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, tolerance).items()}
+    picture = moving_picture(run) if options.pictures else None
     progress()
-    numbers = collect(run, ReportOptions(pictures=wanted.pictures), cost())
-    warnings = [
-        *warnings_of_numbers(numbers, wanted.cubature_tolerance),
-        *warnings_of_run(run, wanted.training_tolerance_mm),
-    ]
-    found = {"verdict": verdict(numbers), "warnings": warnings, "remedies": remedies(Facts.of(run, numbers))}
+    numbers = collect(run, options, cost())
+    facts = Facts.of(run, numbers)
+    warnings = [*warnings_of_numbers(numbers, tolerance), *warnings_of_run(run, facts.train.tolerance_mm)]
+    found = {"verdict": verdict(numbers), "warnings": warnings, "remedies": remedies(facts)}
     numbers = numbers.model_copy(update=found)
-    replay = make_replay(run) if wanted.pictures else None
+    replay = make_replay(run) if options.pictures else None
     page = render_page(numbers, figures, picture, replay)
     return Report(numbers, page, figures, picture)
 

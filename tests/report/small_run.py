@@ -42,6 +42,7 @@ K, R = 4, 2
 FRAMES = {"pull_1": 14, "push": 11}
 ROLES = {"pull_1": "train", "push": "validation"}
 FULL_FRAMES = 6
+SETTINGS = {"cubature": "tolerance: 0.11", "model": "tolerance_mm: 100.0"}
 LOST_FROM = 5
 CONFIG = f"""
 experiment: {NAME}
@@ -82,10 +83,11 @@ def finished_run(folder: Path) -> Run:
     return Run(folder, NAME)
 
 
-def changed(run: Run, kind: str, value: object = None, **notes: str | float | int) -> Run:
-    """The same run with another content, or other notes in the header, of one artefact."""
+def changed(run: Run, kind: str, value: object = None, settings: str = "", **notes: str | float | int) -> Run:
+    """The same run with another content, or other settings or notes in the header, of one artefact."""
     old, header = getattr(run, {"basis": "pca"}.get(kind, kind)), run.header(kind)
-    run._read[kind] = (old if value is None else value, replace(header, notes={**header.notes, **notes}))
+    other = replace(header, settings=settings or header.settings, notes={**header.notes, **notes})
+    run._read[kind] = (old if value is None else value, other)
     return run
 
 
@@ -94,7 +96,9 @@ def _header(folder: Path, kind: str, **notes: str | float | int) -> Header:
     inputs = {name: file_hash(folder / f"{name}.h5") for name in STAGE_OF if (folder / f"{name}.h5").is_file()}
     number = list(STAGE_OF).index(kind)
     cost: dict[str, float] = {"seconds": 1.5 + number, "peak_memory_mb": 100.25 + number}
-    return Header(kind, "", inputs, 0, {"experiment": NAME, "stage": STAGE_OF[kind], **cost, **notes})
+    return Header(
+        kind, SETTINGS.get(kind, ""), inputs, 0, {"experiment": NAME, "stage": STAGE_OF[kind], **cost, **notes}
+    )
 
 
 def _modes(scene: Scene) -> Array:

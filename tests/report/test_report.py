@@ -19,7 +19,7 @@ from ldsim.report import pictures as pictures_module
 from ldsim.report.numbers import collect
 from ldsim.report.options import ReportOptions
 from ldsim.report.pictures import mean_displacement
-from ldsim.report.report import Report, Wanted, build_report, write_report
+from ldsim.report.report import Report, build_report, write_report
 from ldsim.report.schema import STAGES, RunNumbers, check_report
 from ldsim.report.verdict import verdict
 from ldsim.report.wording import readable
@@ -28,14 +28,14 @@ from tests.report.example_report import example_report
 from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
 
 COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
-WANTED = Wanted(pictures=False, cubature_tolerance=0.11, training_tolerance_mm=100.0)
+NO_PICTURES = ReportOptions(pictures=False)
 MOTIONS = list(FRAMES)
 # The frames of every motion that the full space was timed on, from its first drag on.
 STRETCH = slice(2, 2 + FULL_FRAMES)
 
 
-def built(run: Run, wanted: Wanted = WANTED) -> Report:
-    return build_report(run, wanted, lambda: COST, lambda: None)
+def built(run: Run, options: ReportOptions = NO_PICTURES) -> Report:
+    return build_report(run, options, lambda: COST, lambda: None)
 
 
 @pytest.fixture(scope="module")
@@ -263,8 +263,8 @@ def test_a_run_without_fault_gives_no_warnings(folder):
     assert not [text for text in warnings if "validation" not in text and "nothing was fitted to" not in text]
 
 
-def warnings_of(run: Run, wanted: Wanted = WANTED) -> list[str]:
-    page = built(run, wanted).page
+def warnings_of(run: Run) -> list[str]:
+    page = built(run).page
     if 'class="warnings"' not in page:
         return []
     part = page.split('class="warnings"')[1].split("</section>")[0]
@@ -285,8 +285,8 @@ def test_steps_that_stopped_early_are_counted(folder):
 
 def test_missed_tolerances_are_named(folder):
     with finished_run(folder) as run:
-        strict = replace(WANTED, cubature_tolerance=0.01, training_tolerance_mm=0.5)
-        found = warnings_of(changed(run, "model", met=0), strict)
+        strict = changed(run, "cubature", settings="tolerance: 0.01")
+        found = warnings_of(changed(strict, "model", settings="tolerance_mm: 0.5", met=0))
     assert sum("0.01 was asked for" in text for text in found) == 2
     assert sum("0.5 mm were asked for (train.tolerance_mm)" in text for text in found) == 1
 
@@ -294,7 +294,7 @@ def test_missed_tolerances_are_named(folder):
 def test_the_animation_is_of_the_motion_that_judges(folder, monkeypatch):
     monkeypatch.setattr(pictures_module, "FEWEST_FRAMES", 2)
     with finished_run(folder) as run:
-        report = built(run, replace(WANTED, pictures=True))
+        report = built(run, ReportOptions())
         assert int(np.argmax(mean_displacement(run, "push"))) < FRAMES["push"]
     assert report.picture.file == "push.webp" and report.picture.caption in report.page
     animated = Image.open(BytesIO(report.picture.data))
@@ -329,7 +329,7 @@ def test_a_statement_is_the_verdict_where_there_is_one():
 
 def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     with finished_run(folder) as run:
-        report = built(run, replace(WANTED, pictures=True))
+        report = built(run, ReportOptions())
     target = tmp_path / "report"
     target.mkdir()
     (target / "old").write_text("stale")
