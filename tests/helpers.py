@@ -43,7 +43,7 @@ def derivative_order(
         x, d: a state away from rest and a direction.
         size: scales the steps, 1e-2 … 1.6e-4, to the problem.
     """
-    steps = size * STEPS
+    steps = np.asarray(size * STEPS, dtype=np.float64)
     start, slope = np.asarray(f(x)), np.asarray(derivative(x))
     remainders = np.array([np.linalg.norm(np.asarray(f(x + h * d)) - start - h * slope) for h in steps])
     if remainders.max() <= 1e-12 * (np.linalg.norm(start) + np.linalg.norm(slope) * steps[0]):

@@ -23,6 +23,7 @@ from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
 from ldsim.run import AUTO, REDUCED, Run
+from ldsim.runtime.model_file import portable
 from ldsim.space.space import Space
 
 
@@ -117,10 +118,11 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
         space = run.chosen if choice.space == AUTO else choice.space
         if space not in run.cubature:
             raise ExportError(f"{choice.format} writes a reduced space, got {space!r}; use {' or '.join(REDUCED)}")
-        write, title = partial(wanted.space, run.space(space)), run.folder.resolve().name
+        own, apart = portable(run.space(space))
+        write, title = partial(wanted.space, own), run.folder.resolve().name
         if choice.platforms:
-            write = partial(COMPILED[choice.format], run.space(space), platforms=choice.platforms)
-        what = f"the model of the {space} space"
+            write = partial(COMPILED[choice.format], own, platforms=choice.platforms)
+        what = f"the model of the {space} space{apart}"
     else:
         assert wanted.motion is not None, "a format writes a motion, a model or a space"
         played = playback(run, choice.motion, choice.space).thinned(choice.every)

@@ -48,7 +48,7 @@ def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, 
 def spread_points(scene: Scene, count: int) -> Indices:
     """Vertices of the movable surface, each the farthest from those before, (count,)."""
     movable = _movable_surface(scene)
-    return movable[_spread(scene.mesh.vertices[movable], count, np.random.default_rng(0))]
+    return movable[farthest_first(scene.mesh.vertices[movable], count, np.random.default_rng(0))]
 
 
 def _movable_surface(scene: Scene) -> Indices:
@@ -67,7 +67,7 @@ def random_pulls(name: str, points: Array, options: PullOptions) -> Motion:
     """
     count, frames, stride = options.count, options.frames, options.frames_of_one
     generator = np.random.default_rng(options.seed)
-    chosen = points[_spread(points, count, generator)]
+    chosen = points[farthest_first(points, count, generator)]
     directions = spread_directions(count, generator)
     lengths = options.reach * generator.uniform(0.4, 1.0, size=count)
     # There after seven tenths of the pull, with no jump in speed at either end.
@@ -96,7 +96,7 @@ def spread_directions(count: int, generator: np.random.Generator) -> Array:
     return generator.permutation(turned)
 
 
-def _spread(points: Array, count: int, generator: np.random.Generator) -> Indices:
+def farthest_first(points: Array, count: int, generator: np.random.Generator) -> Indices:
     """Indices of `count` points, each the farthest from those before; starts anew when all are used."""
     chosen = [int(generator.integers(len(points)))]
     distance = np.linalg.norm(points - points[chosen[0]], axis=1)

@@ -27,6 +27,7 @@
 
 /* Four numbers at once, in whatever registers the machine has: a vector type of GCC and Clang. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
+typedef float four_single __attribute__((vector_size(16), aligned(4), may_alias));
 typedef uint64_t bits_of_four __attribute__((vector_size(32)));
 
 enum { ELU, RELU, TANH, SIGMOID, ACTIVATIONS };
@@ -73,6 +74,16 @@ static double dot(const double *a, const double *b, int n)
     }
     for (; i < n; i++) rest += a[i] * b[i];
     s += t;
+    return ((s[0] + s[2]) + (s[1] + s[3])) + rest;
+}
+
+static double dot_single(const float *a, const double *b, int n)
+{
+    four s = {0.0, 0.0, 0.0, 0.0};
+    double rest = 0.0;
+    int i = 0;
+    for (; i + 4 <= n; i += 4) s += __builtin_convertvector(*(const four_single *)(a + i), four) * *(const four *)(b + i);
+    for (; i < n; i++) rest += a[i] * b[i];
     return ((s[0] + s[2]) + (s[1] + s[3])) + rest;
 }
 
@@ -172,22 +183,6 @@ static void add_gram(const double *restrict A, int stride, const double *restric
 static void add_product(const double *restrict W, const double *restrict v, double *restrict out, int rows, int columns)
 {
     for (int i = 0; i < rows; i++) out[i] += dot(W + (size_t)i * columns, v, columns);
-}
-
-/* out += W V for W (rows, columns) and four vectors at once, V (columns, 4) and out (rows, 4). */
-static void add_products(const double *restrict W, const double *restrict V, double *restrict out, int rows, int columns)
-{
-    const four *v = (const four *)V;
-    four *o = (four *)out;
-    int i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        const double *A = W + (size_t)i * columns, *B = A + columns, *C = B + columns, *D = C + columns;
-        four a = o[i], b = o[i + 1], c = o[i + 2], d = o[i + 3];
-        for (int j = 0; j < columns; j++) a += A[j] * v[j], b += B[j] * v[j], c += C[j] * v[j], d += D[j] * v[j];
-        o[i] = a, o[i + 1] = b, o[i + 2] = c, o[i + 3] = d;
-    }
-    for (; i < rows; i++)
-        for (int j = 0; j < columns; j++) o[i] += W[(size_t)i * columns + j] * v[j];
 }
 
 /* Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace. */
@@ -581,8 +576,7 @@ typedef struct {
 /* Counts in the header, in the order of the file. */
 typedef struct {
     uint32_t vertices, triangles, r, features, layers, width[MAX_LAYERS], activation, last_activated, skip, mapped,
-        points, full_inertia, supports, landmarks, condensed, supernodes, factor_rows, free_vertices, basis_bytes,
-        max_iterations;
+        points, full_inertia, supports, landmarks, condensed, anchors, nearest, basis_bytes, max_iterations;
 } counts;
 
 typedef struct {
@@ -595,21 +589,24 @@ typedef struct {
 struct ldsim_model {
     counts n;
     numbers given;
-    uint64_t fingerprint, factor_values;
+    uint64_t fingerprint;
     int r, m, points, width, hidden, moved; /* moved: 12 numbers a support */
+    int anchors;                            /* 0 where the model is not condensed */
     int wide;                               /* r, up to a multiple of four */
     layer layer[MAX_LAYERS];
-    /* all below point into bytes; a basis of float32 stands in basis32, one of float64 in basis64 */
+    /* all below point into bytes; of basis and compliance either the float64 is there or the float32 */
     const double *rest, *at_zero, *skip, *maps, *weights, *mu, *lambda, *inertia, *load, *unit_weight, *lifting,
-        *lifted_strain, *lifted_inertia, *landmarks, *sag, *rows, *tangents, *factor, *basis64;
-    const float *basis32;
-    const uint32_t *triangles, *movable, *kind, *order, *first, *row_start, *front_rows;
-    uint32_t largest_front;
+        *lifted_strain, *lifted_inertia, *landmarks, *sag, *vertex_mass, *share, *basis64, *compliance64;
+    const float *basis32, *compliance32;
+    const uint32_t *triangles, *movable, *kind, *near;
     /* what steps read, laid out for them: strain maps (blocks, mapped, 9, LANES), of each block weights, mu and lambda
      * (3, LANES), a number of the file for each of its points, and the skip transposed */
     int blocks;
     double *packed;
     const double *block_maps, *block_points, *skip_transposed;
+    /* of a condensed model: bounds of the mass that hangs on each anchor, and of how far dead load and weight move it */
+    double *anchor_mass, sag_reach[4];
+    double *compliance; /* of the anchors, (3a, 3a), whole */
     const uint32_t *block_first;
     uint64_t bytes[]; /* the file, aligned */
 };
@@ -631,7 +628,7 @@ static void find_arrays(ldsim_model *M, walk *w)
 {
     const counts *n = &M->n;
     const uint64_t v = n->vertices, r = n->r, m = n->features, c = n->points, l = 12 * (uint64_t)n->supports;
-    const uint64_t condensed = n->condensed != 0;
+    const uint64_t condensed = n->condensed != 0, a = 3 * (uint64_t)n->anchors;
     M->rest = next_array(w, 3 * v, 8);
     for (uint32_t i = 0; i < n->layers; i++) {
         const uint64_t rows = i ? n->width[i - 1] : r;
@@ -653,19 +650,17 @@ static void find_arrays(ldsim_model *M, walk *w)
     M->lifted_inertia = next_array(w, m * l, 8);
     M->landmarks = next_array(w, n->landmarks * r, 8);
     M->sag = next_array(w, condensed * 12 * v, 8);
-    M->rows = next_array(w, condensed * 3 * v * r, 8);
-    M->tangents = next_array(w, condensed * 3 * v * r, 8);
-    M->factor = next_array(w, M->factor_values, 8);
+    M->vertex_mass = next_array(w, condensed * v, 8);
+    M->share = next_array(w, v * n->nearest, 8);
     const void *basis = next_array(w, 3 * v * m, n->basis_bytes);
-    M->basis64 = n->basis_bytes == 8 ? basis : NULL;
-    M->basis32 = n->basis_bytes == 4 ? basis : NULL;
+    const void *compliance = next_array(w, a * (a + 1) / 2, n->basis_bytes);
+    const int wide = n->basis_bytes == 8;
+    M->basis64 = wide ? basis : NULL, M->basis32 = wide ? NULL : basis;
+    M->compliance64 = wide ? compliance : NULL, M->compliance32 = wide ? NULL : compliance;
     M->triangles = next_array(w, 3 * (uint64_t)n->triangles, 4);
     M->movable = next_array(w, v, 4);
     M->kind = next_array(w, c, 4);
-    M->order = next_array(w, n->free_vertices, 4);
-    M->first = next_array(w, condensed * (n->supernodes + UINT64_C(1)), 4);
-    M->row_start = next_array(w, condensed * (n->supernodes + UINT64_C(1)), 4);
-    M->front_rows = next_array(w, n->factor_rows, 4);
+    M->near = next_array(w, v * n->nearest, 4);
 }
 
 /* Two running sums of 64-bit words, of which the second tells their order (Fletcher 1982). */
@@ -689,9 +684,8 @@ static int counts_fit(const ldsim_model *M)
     fine &= n->mapped >= 1 && n->mapped <= n->features && n->points >= 1 && n->points < 1u << 20;
     fine &= n->supports < 1u << 8 && n->landmarks < 1u << 20 && (n->basis_bytes == 8 || n->basis_bytes == 4);
     fine &= n->max_iterations >= 1 && n->max_iterations < 1u << 20;
-    fine &= n->condensed ? n->supernodes >= 1 && n->supernodes < 1u << 26 && n->factor_rows < 1u << 31 &&
-                               n->free_vertices <= n->vertices && M->factor_values < UINT64_C(1) << 40 && !n->supports
-                         : !n->supernodes && !n->factor_rows && !n->free_vertices && !M->factor_values;
+    fine &= n->condensed ? n->anchors >= 1 && n->anchors < 1u << 13 && n->nearest >= 1 && n->nearest < 1u << 6 && !n->supports
+                         : !n->anchors && !n->nearest;
     return fine;
 }
 
@@ -709,26 +703,15 @@ static int all_positive(const double *x, uint64_t count)
     return fine;
 }
 
-/* The structure of the sparse factor: supernodes one after another, rows ascending below them, values that fit. */
-static int factor_fits(ldsim_model *M)
+static int all_finite32(const float *x, uint64_t count)
 {
-    const counts *n = &M->n;
-    if (!n->condensed) return 1;
-    if (M->first[0] != 0 || M->row_start[0] != 0) return 0;
-    if (M->first[n->supernodes] != n->free_vertices || M->row_start[n->supernodes] != n->factor_rows) return 0;
-    uint64_t values = 0;
-    for (uint32_t s = 0; s < n->supernodes; s++) {
-        if (M->first[s + 1] <= M->first[s] || M->first[s + 1] > n->free_vertices) return 0;
-        if (M->row_start[s + 1] < M->row_start[s] || M->row_start[s + 1] > n->factor_rows) return 0;
-        const uint64_t columns = M->first[s + 1] - M->first[s], rows = M->row_start[s + 1] - M->row_start[s];
-        values += 9 * columns * (columns + rows);
-        if (columns + rows > M->largest_front) M->largest_front = (uint32_t)(columns + rows);
-        for (uint32_t i = M->row_start[s]; i < M->row_start[s + 1]; i++) {
-            const uint32_t before = i > M->row_start[s] ? M->front_rows[i - 1] + 1 : M->first[s + 1];
-            if (M->front_rows[i] < before || M->front_rows[i] >= n->free_vertices) return 0;
-        }
+    int fine = 1;
+    for (uint64_t i = 0; i < count; i++) {
+        uint32_t bits;
+        memcpy(&bits, x + i, sizeof bits);
+        fine &= (bits >> 23 & 0xFF) != 0xFF;
     }
-    return values == M->factor_values;
+    return fine;
 }
 
 static int check_model(ldsim_model *M)
@@ -736,21 +719,17 @@ static int check_model(ldsim_model *M)
     const counts *n = &M->n;
     const numbers *x = &M->given;
     const unsigned char *bytes = (const unsigned char *)M->bytes;
-    const size_t floats = (size_t)((const unsigned char *)M->triangles - bytes);
+    const double *end = M->basis64 ? (const double *)(const void *)M->triangles : (const double *)(const void *)M->basis32;
     if (!all_finite((const double *)(const void *)(bytes + NUMBERS_AT), sizeof *x / 8)) return LDSIM_NOT_FINITE;
-    if (M->basis64) {
-        if (!all_finite(M->rest, (floats - HEADER_SIZE) / 8)) return LDSIM_NOT_FINITE;
-    } else {
-        if (!all_finite(M->rest, (size_t)((const double *)(const void *)M->basis32 - M->rest))) return LDSIM_NOT_FINITE;
-        for (uint64_t i = 0; i < 3 * (uint64_t)n->vertices * n->features; i++)
-            if (!finite_number(M->basis32[i])) return LDSIM_NOT_FINITE;
-    }
+    if (!all_finite(M->rest, (size_t)(end - M->rest))) return LDSIM_NOT_FINITE;
+    if (M->basis32 && !all_finite32(M->basis32, (uint64_t)((const float *)(const void *)M->triangles - M->basis32)))
+        return LDSIM_NOT_FINITE;
     const double positive[] = {x->time_step, x->tolerance, x->mass, x->diagonal, x->stiffness, x->radius};
     if (!all_positive(positive, 6) || (n->landmarks && !(x->reach > 0.0)) || x->threshold < 0.0) return LDSIM_BAD_VALUE;
     if (!all_positive(M->weights, n->points) || !all_positive(M->mu, n->points)) return LDSIM_BAD_VALUE;
     if (!all_below(M->triangles, 3 * (uint64_t)n->triangles, n->vertices) || !all_below(M->movable, n->vertices, 2) ||
-        !all_below(M->kind, n->points, MATERIALS) || !all_below(M->order, n->free_vertices, n->vertices) ||
-        !factor_fits(M))
+        !all_below(M->kind, n->points, MATERIALS) ||
+        !all_below(M->near, (uint64_t)n->vertices * n->nearest, n->anchors))
         return LDSIM_BAD_INDEX;
     return LDSIM_OK;
 }
@@ -791,10 +770,38 @@ static int leading_zeros(const layer *l)
     return l->columns - 1;
 }
 
+/* |sum_p w_p s_p|^2 <= (sum |w_p|) (sum |w_p| |s_p|^2): what follows bounds the mass-weighted square of what anchors move. */
+static void bound_residual(ldsim_model *M)
+{
+    const int p = (int)M->n.nearest;
+    zero(M->anchor_mass, M->anchors);
+    for (uint32_t v = 0; v < M->n.vertices; v++) {
+        const double *share = M->share + (size_t)v * p, *sag = M->sag + 12 * (size_t)v;
+        double sum = 0.0;
+        for (int i = 0; i < p; i++) sum += fabs(share[i]);
+        for (int i = 0; i < p; i++) M->anchor_mass[M->near[(size_t)v * p + i]] += M->vertex_mass[v] * sum * fabs(share[i]);
+        for (int e = 0; e < 12; e++) M->sag_reach[e % 4] += M->vertex_mass[v] * sag[e] * sag[e];
+    }
+    for (int j = 0; j < 4; j++) M->sag_reach[j] = sqrt(M->sag_reach[j]);
+}
+
+/* The file has the lower triangle, row by row. Sixteen columns at a time, so that writing down them stays in the cache. */
+static void unfold_compliance(ldsim_model *M)
+{
+    const size_t size = 3 * (size_t)M->anchors;
+    for (size_t left = 0; left < size; left += 16)
+        for (size_t i = left; i < size; i++)
+            for (size_t j = left; j <= i && j < left + 16; j++) {
+                const size_t at = i * (i + 1) / 2 + j;
+                const double entry = M->compliance64 ? M->compliance64[at] : M->compliance32[at];
+                M->compliance[i * size + j] = M->compliance[j * size + i] = entry;
+            }
+}
+
 /* Whether there was memory for it. */
 static int pack(ldsim_model *M)
 {
-    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->m : 0);
+    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->m : 0) + M->anchors + 9 * (size_t)M->anchors * M->anchors;
     M->blocks = 0;
     for (int start = 0; start < M->points; start = block_end(M, start)) M->blocks++;
     const size_t maps = (size_t)M->n.mapped * BLOCK;
@@ -820,7 +827,9 @@ static int pack(ldsim_model *M)
         l->used = at, at += (size_t)l->rows * used;
         l->transposed = transposed(l->used, l->rows, used, at), at += (size_t)l->rows * used;
     }
-    if (M->n.skip) M->skip_transposed = transposed(M->skip, M->r, M->m, at);
+    if (M->n.skip) M->skip_transposed = transposed(M->skip, M->r, M->m, at), at += (size_t)M->r * M->m;
+    M->anchor_mass = at, M->compliance = at + M->anchors;
+    if (M->anchors) bound_residual(M), unfold_compliance(M);
     return 1;
 }
 
@@ -829,7 +838,7 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     static const unsigned char magic[8] = {'L', 'D', 'S', 'I', 'M', '\r', '\n', 0x1A};
     const uint32_t one = 1;
     ldsim_model head, *M;
-    uint64_t sums[2], told[4];
+    uint64_t sums[2], told[3];
     uint32_t version[2];
     if (!given || !model) return LDSIM_BAD_ARGUMENT;
     *model = NULL;
@@ -838,12 +847,11 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     if (size < HEADER_SIZE || size % 8) return LDSIM_WRONG_SIZE;
     const unsigned char *bytes = given;
     memcpy(version, bytes + 8, 8);
-    memcpy(told, bytes + 16, 32); /* size, the two sums, numbers of the factor */
+    memcpy(told, bytes + 16, 24); /* size and the two sums */
     if (version[0] != LDSIM_FILE_VERSION || version[1] != HEADER_SIZE) return LDSIM_OTHER_VERSION;
     if (told[0] != size) return LDSIM_WRONG_SIZE;
     memset(&head, 0, sizeof head);
-    head.factor_values = told[3];
-    memcpy(&head.n, bytes + 48, sizeof head.n);
+    memcpy(&head.n, bytes + 40, sizeof head.n);
     if (!counts_fit(&head)) return LDSIM_BAD_SIZES;
     walk w = {NULL, HEADER_SIZE};
     find_arrays(&head, &w);
@@ -859,6 +867,7 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     M->fingerprint = sums[0] ^ (sums[1] << 1);
     M->wide = ((int)M->n.r + 3) / 4 * 4;
     M->r = (int)M->n.r, M->m = (int)M->n.features, M->points = (int)M->n.points, M->moved = 12 * (int)M->n.supports;
+    M->anchors = (int)M->n.anchors;
     for (uint32_t i = 0; i < M->n.layers; i++) M->hidden += (int)M->n.width[i], M->width = (int)M->n.width[i];
     int code = sums[0] != told[1] || sums[1] != told[2] ? LDSIM_DAMAGED : check_model(M);
     if (code == LDSIM_OK && !pack(M)) code = LDSIM_NO_MEMORY;
@@ -1076,12 +1085,12 @@ typedef struct {
 typedef struct {
     uint32_t id, count; /* 0: free */
     double target[3], stiffness;
-    double force[3];     /* of a condensed model: on the solid in the last step */
     double centre[3];    /* centroid of the held vertices at rest */
     double sag[12];      /* and what weight and dead loads move it, of a condensed model */
     uint32_t *vertices;  /* room for all */
     double *B, *lifted;  /* (3, m) and (3, moved): how features and moved pins move the centroid */
-    double *field;       /* (n, 3, 3): what a unit force on it moves, of a condensed model */
+    double *load, *field; /* of a condensed model: what anchors get of a force, (a,), and a unit force moves, (3, a, 3) */
+    double reach;         /* a bound of the mass-weighted norm of that field */
 } grab;
 
 struct ldsim_solid {
@@ -1103,7 +1112,7 @@ struct ldsim_solid {
     double *force, *lifted; /* load and weight, (m,); strain of moved pins, (blocks, 9, LANES) */
     /* scratch memory */
     double *hidden, *scratch, *tangents, *predictor, *offset, *pull, *lanes, *gradient, *gradient_new, *direction,
-        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *solve;
+        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *pulls, *tried;
     double *positions;
 };
 
@@ -1421,115 +1430,76 @@ static solution minimise(ldsim_solid *S, const double *guess, double *z, double 
 
 /* ---- Compliance: what a force moves beside the coordinates of a condensed model ---------------------------------------- */
 
-static int all_zero(const double *x, size_t n)
+/* What a unit force along each axis of a grab moves at the anchors, A P'B', and how far that reaches. */
+static void move_anchors(const ldsim_model *M, grab *own)
 {
-    size_t i = 0;
-    while (i < n && x[i] == 0.0) i++;
-    return i == n;
-}
-
-/* K^-1 of four vectors, (3 f, 4), in place. Down the supernodes with L, up again with L'. Of each, the inverse of its
- * triangle stands column by column before the block of the rows below it. */
-static void solve(const ldsim_model *M, double *packed, double *work)
-{
-    const double *values = M->factor;
-    for (uint32_t s = 0; s < M->n.supernodes; s++) {
-        const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
-        const double *triangle = values, *block = triangle + (size_t)c * c;
-        double *y = packed + 12 * (size_t)M->first[s];
-        values = block + (size_t)c * r;
-        if (all_zero(y, 4 * (size_t)c)) continue; /* what a force does not reach */
-        zero(work, 4 * ((size_t)c + r));
-        add_gram(triangle, c, y, work, c, c, 4, 0);
-        copy(y, work, 4 * (size_t)c);
-        add_gram(block, r, y, work + 4 * (size_t)c, c, r, 4, 0);
-        for (int i = 0; i < 4 * r; i++)
-            packed[12 * (size_t)M->front_rows[M->row_start[s] + i / 12] + i % 12] -= work[4 * (size_t)c + i];
+    const size_t size = 3 * (size_t)M->anchors;
+    zero(own->field, 3 * size);
+    for (size_t a = 0; a < size; a++) {
+        const double share = own->load[a / 3], *restrict row = M->compliance + a * size;
+        double *restrict field = own->field + a % 3 * size;
+        for (size_t e = 0; e < size && share != 0.0; e++) field[e] += share * row[e];
     }
-    for (uint32_t s = M->n.supernodes; s-- > 0;) {
-        const int c = 3 * (int)(M->first[s + 1] - M->first[s]), r = 3 * (int)(M->row_start[s + 1] - M->row_start[s]);
-        double *y = packed + 12 * (size_t)M->first[s], *below = work + 4 * (size_t)c;
-        values -= (size_t)c * (c + r);
-        for (int i = 0; i < r / 3; i++)
-            copy(below + 12 * (size_t)i, packed + 12 * (size_t)M->front_rows[M->row_start[s] + i], 12);
-        zero(work, 4 * (size_t)c);
-        add_products(values + (size_t)c * c, below, work, c, r);
-        for (int i = 0; i < 4 * c; i++) y[i] -= work[i];
-        zero(work, 4 * (size_t)c);
-        add_products(values, y, work, c, c);
-        copy(y, work, 4 * (size_t)c);
-    }
+    own->reach = 0.0;
+    for (size_t e = 0; e < 3 * size; e++) own->reach += M->anchor_mass[e % size / 3] * own->field[e] * own->field[e];
+    own->reach = sqrt(own->reach);
 }
 
-/* What a unit force along each axis, shared out among some vertices, moves beside the coordinates: field (n, 3, 3). */
-static void residual(ldsim_solid *S, const grab *own, double *field)
+/* out (3, 3) = what the field of one grab moves the centroid of another. */
+static void mean_field(const ldsim_model *M, const grab *moving, const grab *moved, double *out)
 {
-    const ldsim_model *M = S->model;
-    const size_t free_count = M->n.free_vertices, n3 = 3 * (size_t)M->n.vertices;
-    double *packed = S->solve, *work = packed + 12 * free_count, *x = work + 12 * (size_t)M->largest_front;
-    double *carried = x + 4 * n3;
-    zero(x, 4 * n3);
-    for (uint32_t i = 0; i < own->count; i++)
-        for (int axis = 0; axis < 3 && M->movable[own->vertices[i]]; axis++)
-            x[12 * (size_t)own->vertices[i] + 5 * axis] = 1.0 / own->count;
-    for (size_t i = 0; i < free_count; i++) copy(packed + 12 * i, x + 12 * (size_t)M->order[i], 12);
-    solve(M, packed, work);
-    zero(x, 4 * n3);
-    for (size_t i = 0; i < free_count; i++) copy(x + 12 * (size_t)M->order[i], packed + 12 * i, 12);
-    zero(carried, 4 * (size_t)M->r);
-    add_products(M->rows, x, carried, M->r, (int)n3);
-    for (int i = 0; i < 4 * M->r; i++) carried[i] = -carried[i];
-    add_gram(M->tangents, (int)n3, carried, x, M->r, (int)n3, 4, 0);
-    for (size_t e = 0; e < n3; e++) copy(field + 3 * e, x + 4 * e, 3);
-}
-
-/* out (3, 3) += the mean over the vertices of one grab of the field of another. */
-static void mean_field(const double *field, const grab *of, double *out)
-{
-    for (uint32_t i = 0; i < of->count; i++)
-        for (int e = 0; e < 9; e++) out[e] += field[9 * (size_t)of->vertices[i] + e] / of->count;
+    zero(out, 9);
+    const size_t size = 3 * (size_t)M->anchors;
+    for (size_t a = 0; a < size; a++)
+        for (int axis = 0; axis < 3 && moved->load[a / 3] != 0.0; axis++)
+            out[3 * (a % 3) + axis] += moved->load[a / 3] * moving->field[axis * size + a];
 }
 
 static double *pair_of(const ldsim_solid *S, int i, int j) { return S->compliance + 9 * ((size_t)i * S->max_grabs + j); }
 
-/* What a unit force along each axis of grab i moves: everywhere, and the centroids of all grabs. */
+/* What a unit force along each axis of grab i moves: the anchors, and the centroids of all grabs. */
 static void find_field(ldsim_solid *S, int i)
 {
     grab *own = S->grabs + i;
-    residual(S, own, own->field);
+    move_anchors(S->model, own);
     for (int j = 0; j < S->max_grabs; j++) {
         if (S->grabs[j].id == 0) continue;
-        double *ij = pair_of(S, i, j), *ji = pair_of(S, j, i);
-        zero(ji, 9);
-        mean_field(own->field, S->grabs + j, ji);
-        if (j == i) continue;
-        zero(ij, 9);
-        mean_field(S->grabs[j].field, own, ij);
+        mean_field(S->model, own, S->grabs + j, pair_of(S, j, i));
+        if (j != i) mean_field(S->model, S->grabs + j, own, pair_of(S, i, j));
     }
 }
 
 /* ---- Grabs ----------------------------------------------------------------------------------------------------------- */
 
-/* u (3,) of one vertex in the present state. */
-static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
+/* u (3,) of one vertex at some moment, with what grabs pull it by then, (max_grabs, 3). */
+static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, const double *pulls, double *u)
 {
     const ldsim_model *M = S->model;
     for (int axis = 0; axis < 3; axis++) {
         const size_t row = 3 * (size_t)v + axis;
-        if (M->basis64) {
-            u[axis] = dot(M->basis64 + row * M->m, S->now.f, M->m);
-        } else {
-            u[axis] = 0.0;
-            for (int j = 0; j < M->m; j++) u[axis] += basis_entry(M, row * M->m + j) * S->now.f[j];
-        }
-        if (M->moved) u[axis] += dot(M->lifting + row * M->moved, S->now.a, M->moved);
-        if (!M->n.condensed) continue;
-        const double *sag = M->sag + 4 * row;
-        double slack = sag[0] + dot3(sag + 1, S->now.gravity);
-        for (int g = 0; g < S->max_grabs; g++)
-            if (S->grabs[g].id) slack += dot3(S->grabs[g].field + 3 * row, S->grabs[g].force);
-        u[axis] += slack / S->scale;
+        u[axis] = M->basis64 ? dot(M->basis64 + row * M->m, at->f, M->m) : dot_single(M->basis32 + row * M->m, at->f, M->m);
+        if (M->moved) u[axis] += dot(M->lifting + row * M->moved, at->a, M->moved);
     }
+    if (!M->anchors) return;
+    const size_t size = 3 * (size_t)M->anchors;
+    double slack[3];
+    for (int axis = 0; axis < 3; axis++) {
+        const double *sag = M->sag + 12 * (size_t)v + 4 * axis;
+        slack[axis] = sag[0] + dot3(sag + 1, at->gravity);
+    }
+    for (int g = 0; g < S->max_grabs; g++)
+        for (uint32_t i = 0; i < M->n.nearest && S->grabs[g].id; i++) {
+            const size_t place = (size_t)v * M->n.nearest + i;
+            const double *field = S->grabs[g].field + 3 * (size_t)M->near[place], *pull = pulls + 3 * g;
+            for (int axis = 0; axis < 3; axis++, field++)
+                slack[axis] += M->share[place] * (field[0] * pull[0] + field[size] * pull[1] + field[2 * size] * pull[2]);
+        }
+    for (int axis = 0; axis < 3; axis++) u[axis] += slack[axis] / S->scale;
+}
+
+static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
+{
+    displacement_at(S, v, &S->now, S->pulls, u);
 }
 
 /* Makes a grab of a free place: all that depends on its vertices alone. */
@@ -1540,16 +1510,24 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
     const int m = M->m, l = M->moved;
     g->id = id, g->count = count;
     memmove(g->vertices, vertices, count * sizeof *vertices);
-    zero(g->B, 3 * (size_t)m), zero(g->lifted, 3 * (size_t)l), zero(g->centre, 3), zero(g->sag, 12), zero(g->force, 3);
-    for (uint32_t i = 0; i < count; i++)
+    zero(g->B, 3 * (size_t)m), zero(g->lifted, 3 * (size_t)l), zero(g->centre, 3), zero(g->sag, 12);
+    zero(g->load, M->anchors), zero(S->pulls + 3 * place, 3);
+    const double share = 1.0 / count;
+    for (uint32_t i = 0; i < count; i++) {
         for (int axis = 0; axis < 3; axis++) {
             const size_t row = 3 * (size_t)vertices[i] + axis;
-            g->centre[axis] += M->rest[row] / count;
-            for (int j = 0; j < m; j++) g->B[axis * m + j] += basis_entry(M, row * m + j) / count;
-            for (int j = 0; j < l; j++) g->lifted[axis * l + j] += M->lifting[row * l + j] / count;
-            for (int j = 0; M->n.condensed && j < 4; j++) g->sag[4 * axis + j] += M->sag[4 * row + j] / count;
+            g->centre[axis] += share * M->rest[row];
+            if (M->basis64)
+                for (int j = 0; j < m; j++) g->B[axis * m + j] += share * M->basis64[row * m + j];
+            else
+                for (int j = 0; j < m; j++) g->B[axis * m + j] += share * M->basis32[row * m + j];
+            for (int j = 0; j < l; j++) g->lifted[axis * l + j] += share * M->lifting[row * l + j];
+            for (int j = 0; M->anchors && j < 4; j++) g->sag[4 * axis + j] += share * M->sag[4 * row + j];
         }
-    if (M->n.condensed) find_field(S, place);
+        for (size_t j = (size_t)vertices[i] * M->n.nearest, stop = j + M->n.nearest; j < stop; j++)
+            g->load[M->near[j]] += share * M->share[j];
+    }
+    if (M->anchors) find_field(S, place);
 }
 
 /* The springs that a step reads, in the order in which they were taken. Those of a condensed model are in series with
@@ -1568,8 +1546,8 @@ static void make_springs(ldsim_solid *S)
     }
     const int rows = 3 * S->g;
     double *centre = S->joint, *B = S->inverse; /* free until Q is made */
-    for (int i = 0; i < S->g; i++) S->stiffness[i] = M->n.condensed ? 1.0 : S->grabs[S->order[i]].stiffness;
-    if (M->n.condensed && S->g) {
+    for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
+    if (M->anchors && S->g) {
         for (int i = 0; i < rows; i++)
             for (int j = 0; j < rows; j++) {
                 const int p = S->order[i / 3], q = S->order[j / 3];
@@ -1582,12 +1560,12 @@ static void make_springs(ldsim_solid *S)
     for (int i = 0; i < rows; i++) {
         const grab *g = S->grabs + S->order[i / 3];
         const double *sag = g->sag + 4 * (i % 3);
-        centre[i] = g->centre[i % 3] + (M->n.condensed ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
+        centre[i] = g->centre[i % 3] + (M->anchors ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
         copy(B + (size_t)i * m, g->B + (i % 3) * m, m);
     }
     copy(S->centre, centre, rows);
     copy(S->B, B, (size_t)rows * m);
-    if (M->n.condensed)
+    if (M->anchors)
         for (int i = 0; i < rows; i++) {
             S->centre[i] = 0.0;
             zero(S->B + (size_t)i * m, m);
@@ -1601,7 +1579,7 @@ static void make_springs(ldsim_solid *S)
 
 static void aim_springs(ldsim_solid *S)
 {
-    const int rows = 3 * S->g, condensed = S->model->n.condensed;
+    const int rows = 3 * S->g, condensed = S->model->anchors;
     for (int i = 0; i < rows; i++) {
         S->target[i] = condensed ? 0.0 : S->grabs[S->order[i / 3]].target[i % 3];
         for (int j = i; condensed && j < rows; j++)
@@ -1609,16 +1587,14 @@ static void aim_springs(ldsim_solid *S)
     }
 }
 
-/* What the springs of a condensed model pull with now. */
-static void find_forces(ldsim_solid *S)
+/* What the springs of a condensed model pull with where the features are f: (max_grabs, 3). */
+static void find_pulls(ldsim_solid *S, const double *f, double *pulls)
 {
     const int rows = 3 * S->g, m = S->model->m;
-    for (int i = 0; i < rows; i++) S->joint[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, S->now.f, m);
-    for (int i = 0; i < rows; i++) {
-        double *force = S->grabs[S->order[i / 3]].force + i % 3;
-        *force = 0.0;
-        for (int j = 0; j <= i; j++) *force += S->root[i * rows + j] * S->joint[j];
-    }
+    zero(pulls, 3 * (size_t)S->max_grabs);
+    for (int i = 0; i < rows; i++) S->joint[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, f, m);
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j <= i; j++) pulls[3 * S->order[i / 3] + i % 3] += S->root[i * rows + j] * S->joint[j];
 }
 
 static grab *find_grab(const ldsim_solid *S, uint32_t id)
@@ -1717,10 +1693,10 @@ int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
     for (int axis = 0; axis < 3; axis++) {
         centroid[axis] = g->centre[axis] + dot(g->B + axis * M->m, S->now.f, M->m);
         if (M->moved) centroid[axis] += dot(g->lifted + axis * M->moved, S->now.a, M->moved);
-        if (!M->n.condensed) continue;
+        if (!M->anchors) continue;
         double slack = g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
         for (int j = 0; j < S->max_grabs; j++)
-            if (S->grabs[j].id) slack += dot3(pair_of(S, (int)(g - S->grabs), j) + 3 * axis, S->grabs[j].force);
+            if (S->grabs[j].id) slack += dot3(pair_of(S, (int)(g - S->grabs), j) + 3 * axis, S->pulls + 3 * j);
         centroid[axis] += slack / S->scale;
     }
     return LDSIM_OK;
@@ -1763,12 +1739,34 @@ int ldsim_move_pins(ldsim_solid *S, uint32_t support, const double map[12])
 
 #define BOUND 3.0 /* a step that leaves the solid this many diagonals (root mean square) from rest is not taken */
 
+/* What is not finite is out of bounds. */
+static int within(const ldsim_model *M, double norm) { return norm <= BOUND * M->given.diagonal * sqrt(M->given.mass); }
+
+/* The mass-weighted norm of the displacement by features alone. */
+static double features_norm(ldsim_solid *S, const moment *at)
+{
+    multiply_inertia(S->model, at->f, S->pull);
+    return S->model->given.time_step * sqrt(dot(at->f, S->pull, S->model->m));
+}
+
+/* Of a condensed model, what moves beside the coordinates counts too: by a bound, and vertex by vertex where that is not
+ * within. */
 static int out_of_bounds(ldsim_solid *S, const moment *at)
 {
     const ldsim_model *M = S->model;
-    multiply_inertia(M, at->f, S->pull);
-    const double total = dot(at->f, S->pull, M->m);
-    return !(M->given.time_step * sqrt(total / M->given.mass) <= BOUND * M->given.diagonal);
+    double norm = features_norm(S, at), beside = M->sag_reach[0], u[3], *pulls = S->tried;
+    if (!M->anchors || !finite_number(norm)) return !within(M, norm);
+    find_pulls(S, at->f, pulls);
+    for (int i = 0; i < 3; i++) beside += M->sag_reach[1 + i] * fabs(at->gravity[i]);
+    for (int g = 0; g < S->max_grabs; g++)
+        if (S->grabs[g].id) beside += S->grabs[g].reach * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
+    if (within(M, norm + beside / S->scale)) return 0;
+    norm = 0.0;
+    for (uint32_t v = 0; v < M->n.vertices; v++) {
+        displacement_at(S, v, at, pulls, u);
+        norm += M->vertex_mass[v] * dot3(u, u);
+    }
+    return !within(M, sqrt(norm));
 }
 
 static void identity(double *H, int r)
@@ -1876,12 +1874,23 @@ ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
         if (last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found)) outcome = LDSIM_HELD, found = &S->start;
     }
     take(S, found);
-    if (M->n.condensed && outcome != LDSIM_HELD) find_forces(S);
+    if (M->anchors && outcome != LDSIM_HELD) find_pulls(S, S->now.f, S->pulls);
     if (record) {
         const ldsim_record told = {iterations, evaluations, last.reason, outcome, last.value, last.norm};
         *record = told;
     }
     return outcome;
+}
+
+ldsim_outcome ldsim_step_many(ldsim_solid *const *solids, uint32_t count, uint32_t steps, ldsim_record *records)
+{
+    ldsim_outcome worst = LDSIM_SOLVED;
+    for (uint32_t i = 0; i < count; i++)
+        for (uint32_t step = 0; step < steps; step++) {
+            const ldsim_outcome outcome = ldsim_step(solids[i], records ? records + i : NULL);
+            if (outcome > worst) worst = outcome;
+        }
+    return worst;
 }
 
 /* ---- Making and reading a solid -------------------------------------------------------------------------------------- */
@@ -1907,7 +1916,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
 {
     const ldsim_model *M = S->model;
     const size_t r = M->r, m = M->m, wide = M->wide, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
-    const size_t condensed = M->n.condensed, work = 2 * (size_t)M->hidden + l;
+    const size_t a = M->anchors, work = 2 * (size_t)M->hidden + l;
     size_t total = 0;
     double **at = &block;
     moment *moments[] = {&S->now, &S->first, &S->second, &S->start};
@@ -1917,9 +1926,11 @@ static size_t lay_out(ldsim_solid *S, double *block)
     for (size_t i = 0; i < most; i++) {
         grab *g = S->grabs + i;
         g->vertices = (uint32_t *)(void *)cut(at, &total, (n + 1) / 2);
-        g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->field = cut(at, &total, condensed * 9 * n);
+        g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->load = cut(at, &total, a);
+        g->field = cut(at, &total, 9 * a);
     }
-    S->compliance = cut(at, &total, condensed * 9 * most * most);
+    S->compliance = cut(at, &total, a ? 9 * most * most : 0);
+    S->pulls = cut(at, &total, rows), S->tried = cut(at, &total, rows);
     S->B = cut(at, &total, rows * m), S->centre = cut(at, &total, rows), S->target = cut(at, &total, rows);
     S->stiffness = cut(at, &total, most), S->root = cut(at, &total, rows * rows);
     S->joint = cut(at, &total, rows * rows), S->inverse = cut(at, &total, rows * m);
@@ -1934,7 +1945,6 @@ static size_t lay_out(ldsim_solid *S, double *block)
     S->hessian = cut(at, &total, r * wide);
     S->turned = cut(at, &total, BLOCK * wide), S->stressed = cut(at, &total, BLOCK * wide);
     S->positions = cut(at, &total, 3 * n);
-    S->solve = cut(at, &total, condensed * (12 * ((size_t)M->n.free_vertices + M->largest_front + n) + 4 * r));
     return total;
 }
 
@@ -2010,7 +2020,7 @@ typedef struct {
     uint32_t held[LDSIM_MAX_GRABS];
     struct {
         uint32_t id, count;
-        double target[3], stiffness, force[3];
+        double target[3], stiffness, pull[3];
     } grabs[LDSIM_MAX_GRABS];
 } saved; /* followed by the numbers of the moment, the pins, and the vertices of each grab */
 
@@ -2053,7 +2063,7 @@ void ldsim_save(const ldsim_solid *S, void *state)
         if (g->id == 0) continue;
         head.grabs[head.g].id = g->id, head.grabs[head.g].count = g->count;
         head.grabs[head.g].stiffness = g->stiffness;
-        copy(head.grabs[head.g].target, g->target, 3), copy(head.grabs[head.g++].force, g->force, 3);
+        copy(head.grabs[head.g].target, g->target, 3), copy(head.grabs[head.g++].pull, S->pulls + 3 * i, 3);
         memcpy(at, g->vertices, g->count * sizeof(uint32_t));
         at += g->count * sizeof(uint32_t);
     }
@@ -2089,7 +2099,7 @@ static int check_state(ldsim_solid *S, const saved *head, const unsigned char *s
     memcpy(S->start.z, state + sizeof *head, S->moment_size * sizeof(double));
     memcpy(S->scratch, state + sizeof *head + S->moment_size * sizeof(double), M->moved * sizeof(double));
     if (!all_finite(S->start.z, S->moment_size) || !all_finite(S->scratch, M->moved)) return LDSIM_NOT_FINITE;
-    return out_of_bounds(S, &S->start) ? LDSIM_OUT_OF_BOUNDS : LDSIM_OK;
+    return !within(M, features_norm(S, &S->start)) ? LDSIM_OUT_OF_BOUNDS : LDSIM_OK;
 }
 
 int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
@@ -2130,7 +2140,7 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
             memcpy(g->vertices, lists, 4 * (size_t)head.grabs[j].count);
             hold(S, place, head.grabs[j].id, g->vertices, head.grabs[j].count);
         }
-        copy(g->target, head.grabs[j].target, 3), copy(g->force, head.grabs[j].force, 3);
+        copy(g->target, head.grabs[j].target, 3), copy(S->pulls + 3 * (g - S->grabs), head.grabs[j].pull, 3);
         g->stiffness = head.grabs[j].stiffness;
     }
     return LDSIM_OK;

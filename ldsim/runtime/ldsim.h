@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define LDSIM_FILE_VERSION 1u
+#define LDSIM_FILE_VERSION 2u
 #define LDSIM_MAX_GRABS 32
 
 typedef struct ldsim_model ldsim_model;
@@ -119,6 +119,9 @@ int ldsim_move_pins(ldsim_solid *solid, uint32_t support, const double map[12]);
 
 /* One time step. `record` may be NULL. */
 ldsim_outcome ldsim_step(ldsim_solid *solid, ldsim_record *record);
+/* So many steps of each of some solids, as threads take them that have solids of their own; the worst outcome of all.
+ * `records`, (count,) or NULL, are of the last steps. */
+ldsim_outcome ldsim_step_many(ldsim_solid *const *solids, uint32_t count, uint32_t steps, ldsim_record *records);
 
 /* Displacements of all vertices, (vertices, 3), or of some. */
 void ldsim_displacements(const ldsim_solid *solid, double *u);

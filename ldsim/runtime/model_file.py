@@ -6,6 +6,7 @@ docs/guide/runtime.md says what each byte is; `find_arrays` of ldsim.c reads the
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,13 +22,13 @@ from ldsim.mechanics.grabs import usual_grip
 from ldsim.mechanics.materials import material_names
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import Surface
-from ldsim.space.basis import Basis
+from ldsim.space.anchors import Anchors
 from ldsim.space.compliance import Compliance
 from ldsim.space.space import Space
 
 # In the order of ldsim.c; another one is refused by its name.
 KNOWN = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
-MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 1, 256
+MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 2, 256
 MAX_LAYERS = 8
 Arrays = dict[str, NDArray[np.generic]]
 
@@ -40,12 +41,24 @@ class Pieces(NamedTuple):
     arrays: Arrays
 
 
+def portable(space: Space) -> tuple[Space, str]:
+    """A space as the library has it, and in words by how much it is another one; no words where it is the same."""
+    if space.compliance is None:
+        return space, ""
+    compliance = space.compliance.anchored()
+    assert compliance.anchors is not None
+    middle, most = compliance.anchors.error(compliance.relaxation)
+    words = f"; how far a grab sinks in is off by {middle:.1%}, at most {most:.1%}, of that"
+    return replace(space, compliance=compliance), words if most > 1e-6 else ""
+
+
 def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, single: bool = False) -> bytes:
     """A reduced space as the C library loads it.
 
     Args:
         options: of the minimiser; the library has BFGS around the present tangent alone, Python's default.
-        single: keep the basis in float32, for size. It decides what is drawn and held; a step is otherwise the same.
+        single: keep the basis, and of a condensed space its compliance, in float32, for size. What is drawn and held
+            comes to seven digits then; a step is otherwise the same.
 
     Raises:
         ExportError: the library does not have what is asked for.
@@ -58,9 +71,8 @@ def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, sin
     space = space.by_material()
     pieces = _pieces(space, options, single)
     body = b"".join(_padded(array.tobytes()) for array in pieces.arrays.values())
-    header = np.array(pieces.counts, dtype="<u4").tobytes().ljust(HEADER - 48 - 8 * len(pieces.numbers), b"\0")
-    rest = np.array([pieces.arrays["factor"].size], dtype="<u8").tobytes()
-    rest += header + np.array(pieces.numbers, dtype="<f8").tobytes() + body
+    header = np.array(pieces.counts, dtype="<u4").tobytes().ljust(HEADER - 40 - 8 * len(pieces.numbers), b"\0")
+    rest = header + np.array(pieces.numbers, dtype="<f8").tobytes() + body
     size = np.array([40 + len(rest)], dtype="<u8").tobytes()
     return MAGIC + np.array([VERSION, HEADER], dtype="<u4").tobytes() + size + checksum(rest) + rest
 
@@ -81,6 +93,7 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     scene, basis = space.scene, space.reduced_basis
     compiled = ReducedStepper(space, options).compiled()[0]
     layers, novelty, condensed = compiled.layers, space.novelty, space.compliance is not None
+    anchors = None if space.compliance is None else space.compliance.anchored().anchors
     material_names(compiled.kind.tolist(), KNOWN, "the C library")
     moving = space.lifting is not None and space.lifting.count > 0
     if condensed and moving:
@@ -95,21 +108,22 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
         "unit_weight": _f8(np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)),
         **_moving_pins(pins, scene, space),
         "landmarks": _f8(np.empty(0) if novelty is None else novelty.landmarks),
-        **_compliance(space.compliance, basis),
+        **_residual(space.compliance, scene),
         "basis": basis.matrix.astype("<f4" if single else "<f8"),
+        "anchored": _lower(anchors).astype("<f4" if single else "<f8"),
     }
-    structure = {name: arrays.pop(name) for name in ("order", "first", "row_start", "rows_below")}
     surface = Surface.of(scene.mesh)
     triangles = surface.vertices[surface.triangles]
-    arrays |= {"triangles": _u4(triangles), "movable": _u4(scene.movable), "kind": _u4(compiled.kind)} | structure
+    arrays |= {"triangles": _u4(triangles), "movable": _u4(scene.movable), "kind": _u4(compiled.kind)}
+    arrays["near"] = _u4(np.empty(0) if anchors is None else anchors.near)
     widths = [int(width) for width in layers.sizes[1:]]
     if len(widths) > MAX_LAYERS:
         raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
     counts = [scene.mesh.n_vertices, len(triangles), space.r, space.decoder.k]
     counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), 0]
     counts += [int(layers.skip.size > 0), compiled.G.shape[2], len(compiled.weights), int(len(compiled.inertia) > 1)]
-    counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed)]
-    counts += [max(structure["first"].size - 1, 0), structure["rows_below"].size, structure["order"].size]
+    held = (0, 0) if anchors is None else (len(anchors.matrix) // 3, anchors.near.shape[1])
+    counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed), *held]
     counts += [4 if single else 8, options.max_iterations]
     stiffness, radius = usual_grip(scene)
     reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
@@ -146,20 +160,20 @@ def _moving_pins(pins: MovingPins | None, scene: Scene, space: Space) -> Arrays:
     return {"lifting": _f8(pins.fields), "lifted_strain": _f8(strain), "lifted_inertia": _f8(pins.inertia)}
 
 
-def _compliance(compliance: Compliance | None, basis: Basis) -> Arrays:
-    """What a condensed space needs to find the field of a grab: K⁻¹ at rest by its factor, W, and T."""
-    names = ("sag", "coordinates", "tangents", "factor", "order", "first", "row_start", "rows_below")
+def _residual(compliance: Compliance | None, scene: Scene) -> Arrays:
+    """What weight moves beside the coordinates of a condensed space, and how vertices hang on its anchors."""
     if compliance is None:
-        return {name: np.empty(0) for name in names}
+        return {name: np.empty(0) for name in ("sag", "vertex_mass", "share")}
+    anchors = compliance.anchored().anchors
+    assert anchors is not None
     dead = compliance.sag(np.zeros(3))
     sag = np.stack([dead, *(compliance.sag(unit) - dead for unit in np.eye(3))], axis=2)
-    relaxation = compliance.relaxation
-    factor = relaxation.rest_factor
-    tangents = relaxation.rest.tangents.reshape(-1, relaxation.r).T
-    structure = factor.elimination
-    whole = (relaxation.order, structure.first, structure.row_start, structure.rows)
-    values = [_f8(sag), _f8(relaxation.rows), _f8(tangents), _f8(factor.values), *map(_u4, whole)]
-    return dict(zip(names, values, strict=True))
+    return {"sag": _f8(sag), "vertex_mass": _f8(scene.vertex_mass), "share": _f8(anchors.weights)}
+
+
+def _lower(anchors: Anchors | None) -> Array:
+    """A row by row up to its diagonal."""
+    return np.empty(0) if anchors is None else anchors.matrix[np.tril_indices(len(anchors.matrix))]
 
 
 def _f8(values: Array) -> NDArray[np.generic]:

@@ -15,6 +15,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
+from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation
 
@@ -31,12 +32,15 @@ class Compliance:
     def __init__(self, scene: Scene, coordinates: Basis) -> None:
         self.scene, self._coordinates = scene, coordinates
         self._relaxation: Relaxation | None = None
+        self.anchors: Anchors | None = None
         self._softness = 1.0
         self._known: dict[bytes, Array] = {}
         self._sags: tuple[Array, Array] | None = None
 
     def of(self, force: Array) -> Array:
         """C f, (n, 3) metres, of a force (n, 3), N."""
+        if self.anchors is not None:
+            return self._softness * self.anchors.residual(force)
         return self._softness * self.relaxation.residual(force)
 
     @property
@@ -50,6 +54,15 @@ class Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
         other = copy(self)
         other._softness, other._known, other._sags = self._softness / scale, {}, None
+        return other
+
+    def anchored(self, anchors: Anchors | None = None) -> Compliance:
+        """The same, kept at anchors, as the C library has it: grabs cost no solves. What weight moves stays exact."""
+        if self.anchors is not None:
+            return self
+        self.sag()
+        other = copy(self)
+        other.anchors, other._known = Anchors.of(self.relaxation) if anchors is None else anchors, {}
         return other
 
     def of_grab(self, vertices: Indices) -> Array:
@@ -69,8 +82,9 @@ class Compliance:
         """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out."""
         if self._sags is None:
             dead = self.scene.force(np.zeros(3))
-            weights = [self.of(self.scene.force(unit) - dead) for unit in np.eye(3)]
-            self._sags = self.of(dead), np.stack(weights, axis=2)
+            weights = self.relaxation.residual(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
+            fields = self.relaxation.residual(dead), weights.transpose(1, 2, 0)
+            self._sags = self._softness * fields[0], self._softness * fields[1]
         moved: Array = self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
         return moved
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ldsim.arrays import Array, Indices
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.scene import Scene
@@ -98,16 +98,6 @@ class Relaxation:
     def r(self) -> int:
         return self.coordinates.k
 
-    @property
-    def order(self) -> Indices:
-        """The free vertices in the order of the factor."""
-        return self._pattern.order
-
-    @property
-    def rest_factor(self) -> Factor:
-        """Of K at rest."""
-        return self._at_rest.factor
-
     def encode(self, u: NDArray[np.floating]) -> Array:
         """z = W u of displacements (b, n, 3), metres; (b, r)."""
         z: Array = u.reshape(len(u), -1) @ self.rows.T
@@ -131,9 +121,9 @@ class Relaxation:
         return self._derived(*self._settle(start, _Constrained(self, start, exact=False)))
 
     def residual(self, force: Array) -> Array:
-        """C f, what a force (n, 3), N, moves while z is held, to first order at rest, (n, 3) metres."""
+        """C f, what forces (…, n, 3), N, move while z is held, to first order at rest, (…, n, 3) metres."""
         free = np.where(self.scene.pinned[:, None], 0.0, force)
-        return self._at_rest.solve(free.reshape(1, -1)).reshape(-1, 3)
+        return self._at_rest.solve(free.reshape(-1, 3 * self.scene.mesh.n_vertices)).reshape(force.shape)
 
     def _follow(self, z: Array, start: Relaxed, halvings: int) -> Relaxed:
         guess = start.u + start.tangents @ (z - start.z)

@@ -88,7 +88,7 @@ static void host(const ldsim_model *model)
         ldsim_destroy(other);
     }
     ldsim_release(solid, grab[0]), ldsim_step(solid, &record), ldsim_reset(solid);
-    ldsim_step(solid, NULL), ldsim_novelty(solid);
+    ldsim_step_many(&solid, 1, 3, &record), ldsim_novelty(solid);
     free(saved), free(u), ldsim_destroy(solid);
 }
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
+from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis, inner_product
 from ldsim.space.compliance import Compliance
 from ldsim.space.decoder import Decoder
@@ -106,6 +108,13 @@ def condensed(material: str = "neo_hookean") -> Space:
     return Space("latent", solid, basis, decoder, IDENTITY, rule, compliance=compliance)
 
 
+def anchored(space: Space, count: int = 30) -> Space:
+    """A condensed space whose compliance is kept at fewer anchors than it has free vertices."""
+    assert space.compliance is not None and count < len(space.scene.free) / 2
+    anchors = Anchors.of(space.compliance.relaxation, count)
+    return replace(space, compliance=space.compliance.anchored(anchors))
+
+
 def with_moving_pins() -> Space:
     space = latent()
     solid = space.scene
@@ -116,10 +125,11 @@ def with_moving_pins() -> Space:
     return space.with_lifting(Lifting.of(solid, [motion]))
 
 
-SPACES = {f"latent {name}": lambda name=name: latent(name) for name in MATERIALS}
-SPACES |= {f"linear {name}": lambda name=name: linear(name) for name in MATERIALS}
-SPACES |= {f"condensed {name}": lambda name=name: condensed(name) for name in ("neo_hookean", "fixed_corotated")}
-SPACES |= {f"latent {name}": lambda name=name: latent(decoder=curved(name)) for name in ACTIVATIONS}
+SPACES: dict[str, Callable[[], Space]] = {f"latent {name}": partial(latent, name) for name in MATERIALS}
+SPACES |= {f"linear {name}": partial(linear, name) for name in MATERIALS}
+SPACES |= {f"condensed {name}": partial(condensed, name) for name in MATERIALS}
+SPACES |= {"condensed at few anchors": lambda: anchored(condensed())}
+SPACES |= {f"latent {name}": partial(latent, decoder=curved(name)) for name in ACTIVATIONS}
 SPACES |= {
     "latent without skip": lambda: latent(decoder=curved(skip=False)),
     "latent of one layer": lambda: latent(decoder=curved(layers=1)),
