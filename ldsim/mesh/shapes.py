@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import itertools
-import math
 from collections.abc import Callable
-from typing import ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +18,6 @@ CUBE_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], 
 VTK_CORNER = {int(corner @ [1, 2, 4]): i for i, corner in enumerate(CUBE_CORNERS)}
 MAX_RESOLUTION = 64
 MAX_VOXELS = 2_000_000
-
-Sizes = ParamSpec("Sizes")
-SHAPES: dict[str, Callable[..., Mesh]] = {}
 
 
 def _kuhn_tets() -> NDArray[np.int32]:
@@ -73,29 +66,6 @@ def voxel_mesh(occupied: NDArray[np.bool_], spacing: ArrayLike, cell_type: str =
     return Mesh(vertices, cells, cell_type)
 
 
-def _shape(make: Callable[Sizes, Mesh]) -> Callable[Sizes, Mesh]:
-    """A shape that `SHAPES` knows by its name, made of sizes and a resolution that are allowed.
-
-    Raises:
-        MeshError: a size is not positive, or so are the sizes to each other; the resolution is out of range.
-    """
-
-    @functools.wraps(make)
-    def checked(*args: Sizes.args, **options: Sizes.kwargs) -> Mesh:
-        given = inspect.signature(make).bind(*args, **options).arguments
-        resolution = given.pop("resolution", RESOLUTION)
-        if resolution != int(resolution) or not 1 <= resolution <= MAX_RESOLUTION:
-            raise MeshError(f"resolution is {resolution}; it must be a whole number from 1 to {MAX_RESOLUTION}")
-        for name, size in given.items():
-            if name != "cell_type" and not (math.isfinite(size) and size > 0):
-                raise MeshError(f"{name} is {size} m; it must be positive")
-        return make(*args, **options)
-
-    SHAPES[make.__name__] = checked
-    return checked
-
-
-@_shape
 def beam(
     length: float = 0.4, width: float = 0.1, height: float = 0.1, resolution: int = RESOLUTION, cell_type: str = "tet4"
 ) -> Mesh:
@@ -103,157 +73,97 @@ def beam(
 
     Args:
         resolution: voxels across the thinnest side; the others get as many as keep voxels near cubes.
+
+    Raises:
+        MeshError: a side is not positive, or the resolution is out of range.
     """
     sides = np.array([length, height, width])
+    if not (np.isfinite(sides).all() and (sides > 0).all()):
+        raise MeshError(f"a beam of {length:g} × {height:g} × {width:g} m; each side must be positive")
     counts = np.rint(sides * resolution / sides.min())
-    _check_count(float(counts.prod()))
+    _check(resolution, float(counts.prod()))
     occupied = np.ones(counts.astype(int), dtype=bool)
     return _shifted(voxel_mesh(occupied, sides / counts, cell_type), [0.0, -height / 2, -width / 2])
 
 
-@_shape
-def mounted_bar(
-    length: float = 0.4, thickness: float = 0.04, resolution: int = RESOLUTION, cell_type: str = "tet4"
-) -> Mesh:
-    """A square bar along x, from 0 on, that sticks out of a square plate three times as wide, metres.
-
-    Args:
-        length: of the bar; rounded to a multiple of its thickness. The plate, as thick as the bar, lies at x < 0.
-        resolution: voxels across the bar.
-    """
-    blocks = np.zeros((_count_blocks(length, thickness, 1, 9) + 1, 3, 3), dtype=bool)
+def mounted_bar(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
+    """A square bar of 0.4 m × (0.04 m)², along x from 0 on, that sticks out of a plate three times as wide at x < 0."""
+    blocks = np.zeros((11, 3, 3), dtype=bool)
     blocks[0] = True
     blocks[:, 1, 1] = True
-    return _shifted(
-        _of_blocks(blocks, thickness, resolution, cell_type), [-thickness, -1.5 * thickness, -1.5 * thickness]
-    )
+    return _of_blocks(blocks, 0.04, resolution, cell_type, [-0.04, -0.06, -0.06])
 
 
-@_shape
-def cross(
-    width: float = 0.22,
-    height: float = 0.15,
-    depth: float = 0.05,
-    resolution: int = RESOLUTION,
-    cell_type: str = "tet4",
-) -> Mesh:
-    """An X of two slanted bars that stands on two flat feet, centred at the origin, y up and thin in z, metres.
+def cross(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
+    """An X of two slanted bars on two flat feet, 0.22 × 0.15 × 0.05 m, centred at the origin, y up and thin in z.
 
     A plus sign of voxels in the coordinates (p, q), arms two bars' widths long, is mapped by
     x = a (p − q), y = b (p (1 − s(|q|)) + q (1 − s(|p|))), where s rises smoothly from 0 at the middle to 1 at an
     arm's end, which makes the ends horizontal. On the plus the Jacobian is at least 0.86 ab.
-
-    Args:
-        width, height, depth: of the bounding box.
-        resolution: voxels across a bar; 9 resolution³ voxels.
     """
-    return _cross_with_arms(2, width, height, depth, resolution, cell_type)
+    return _cross_with_arms(2, (0.22, 0.15, 0.05), resolution, cell_type)
 
 
-@_shape
-def slender_cross(
-    width: float = 0.3,
-    height: float = 0.26,
-    depth: float = 0.025,
-    resolution: int = RESOLUTION,
-    cell_type: str = "tet4",
-) -> Mesh:
-    """An X as `cross`, with arms six bars' widths long, so that they bend far without much strain.
-
-    Args:
-        width, height, depth: of the bounding box.
-        resolution: voxels across a bar; 25 resolution³ voxels.
-    """
-    return _cross_with_arms(6, width, height, depth, resolution, cell_type)
+def slender_cross(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
+    """An X as `cross`, 0.3 × 0.26 × 0.025 m, with arms six bars' widths long: they bend far without much strain."""
+    return _cross_with_arms(6, (0.3, 0.26, 0.025), resolution, cell_type)
 
 
-@_shape
-def catapult(
-    height: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
-) -> Mesh:
+def catapult(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
     """A thin upright arm on a square foot, with a bowl at its upper end that opens towards +x; y = 0 is the ground.
 
-    In the manner of the paper's Figure 10: it bends far, nearly in a plane, so that two latent numbers may do.
-
-    Args:
-        height: of the whole; rounded to a multiple of the arm's thickness.
-        thickness: of the arm, of the foot and of the bowl's walls; foot and bowl are five times as wide.
-        resolution: voxels across the arm.
+    In the manner of the paper's Figure 10, 0.3 m high, arm, foot and the bowl's walls 0.02 m thick: it bends far,
+    nearly in a plane, so that two latent numbers may do.
     """
-    tall = _count_blocks(height, thickness, 7, 25)
-    blocks = np.zeros((5, tall, 5), dtype=bool)
+    blocks = np.zeros((5, 15, 5), dtype=bool)
     blocks[:, 0] = True
     blocks[2, :, 2] = True
     blocks[2:4, -5:] = True
     blocks[3, -4:-1, 1:-1] = False
-    return _shifted(_of_blocks(blocks, thickness, resolution, cell_type), [-2.5 * thickness, 0.0, -2.5 * thickness])
+    return _of_blocks(blocks, 0.02, resolution, cell_type, [-0.05, 0.0, -0.05])
 
 
-@_shape
-def pendulum(
-    length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
-) -> Mesh:
-    """A square rod that hangs from y = 0 down, with a cubic bob three times as thick at its end, metres.
-
-    Args:
-        length: of rod and bob together; rounded to whole voxels of thickness / resolution.
-        resolution: voxels across the rod.
-    """
-    return _weighted_rod(length, thickness, resolution, cell_type, both_ends=False)
+def pendulum(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
+    """A square rod, 0.02 m thick, that hangs from y = 0 down to −0.3 m, with a cubic bob three times as thick below."""
+    return _weighted_rod(resolution, cell_type, both_ends=False)
 
 
-@_shape
-def dumbbell(
-    length: float = 0.3, thickness: float = 0.02, resolution: int = RESOLUTION, cell_type: str = "tet4"
-) -> Mesh:
-    """A square rod along y, from 0 down, with a cubic bob three times as thick at each end; see `pendulum`."""
-    return _weighted_rod(length, thickness, resolution, cell_type, both_ends=True)
+def dumbbell(resolution: int = RESOLUTION, cell_type: str = "tet4") -> Mesh:
+    """The rod of `pendulum` with a bob at each end."""
+    return _weighted_rod(resolution, cell_type, both_ends=True)
 
 
-def _cross_with_arms(arms: int, width: float, height: float, depth: float, resolution: int, cell_type: str) -> Mesh:
+SHAPES: dict[str, Callable[..., Mesh]] = {
+    make.__name__: make for make in (beam, mounted_bar, cross, slender_cross, catapult, pendulum, dumbbell)
+}
+
+
+def _cross_with_arms(arms: int, size: tuple[float, float, float], resolution: int, cell_type: str) -> Mesh:
     """The map of `cross` for arms of any length in bars' widths; its Jacobian grows with it."""
+    _check(resolution, (4.0 * arms + 1) * resolution**3)
     bar = np.repeat([False, True, False], [arms * resolution, resolution, arms * resolution])
     plus = np.repeat((bar[:, None] | bar)[:, :, None], resolution, axis=2)
-    _check_count((4.0 * arms + 1) * resolution**3)
     grid = voxel_mesh(plus, np.array([2, 2, 1]) / resolution, cell_type)
-    end = 2 * arms + 1
+    end, (width, height, depth) = 2 * arms + 1, size
     p, q, layer = grid.vertices.T - np.array([[end], [end], [0.5]])
     x = width / (2 * end + 2) * (p - q)
     y = height / (2 * end) * (p * (1 - _rise(np.abs(q), end)) + q * (1 - _rise(np.abs(p), end)))
     return Mesh(np.stack([x, y, depth * layer], axis=1), grid.cells, cell_type)
 
 
-def _count_blocks(length: float, thickness: float, least: int, section: int) -> int:
-    """How many cubes of the thickness make the length; each has up to `section` cubes beside it."""
-    _check_count(section * length / thickness)
-    count = round(length / thickness)
-    if count < least:
-        raise MeshError(
-            f"length is {length:g} m; with thickness {thickness:g} m it must be {least * thickness:g} or more"
-        )
-    return count
+def _weighted_rod(resolution: int, cell_type: str, both_ends: bool) -> Mesh:
+    blocks = np.zeros((3, 15, 3), dtype=bool)
+    blocks[1, :, 1] = True
+    blocks[:, :3] = True
+    blocks[:, -3:] |= both_ends
+    return _of_blocks(blocks, 0.02, resolution, cell_type, [-0.03, -0.3, -0.03])
 
 
-def _of_blocks(blocks: NDArray[np.bool_], edge: float, resolution: int, cell_type: str) -> Mesh:
-    """The mesh of a few cubes of the given edge, each of resolution³ voxels."""
-    _check_count(float(blocks.size) * resolution**3)
-    return voxel_mesh(np.kron(blocks, np.ones((resolution,) * 3, dtype=bool)), edge / resolution, cell_type)
-
-
-def _weighted_rod(length: float, thickness: float, resolution: int, cell_type: str, both_ends: bool) -> Mesh:
-    bob = 3 * resolution
-    long = length * resolution / thickness
-    _check_count(bob**2 * long)
-    count = round(long)
-    if count <= bob * (1 + both_ends):
-        raise MeshError(f"length is {length:g} m; with thickness {thickness:g} m the bobs alone take as much or more")
-    occupied = np.zeros((bob, count, bob), dtype=bool)
-    occupied[resolution:-resolution, :, resolution:-resolution] = True
-    occupied[:, :bob] = True
-    if both_ends:
-        occupied[:, -bob:] = True
-    spacing = thickness / resolution
-    return _shifted(voxel_mesh(occupied, spacing, cell_type), [-1.5 * thickness, -count * spacing, -1.5 * thickness])
+def _of_blocks(blocks: NDArray[np.bool_], edge: float, resolution: int, cell_type: str, corner: list[float]) -> Mesh:
+    """The mesh of a few cubes of the given edge, each of resolution³ voxels, whose lowest corner is given."""
+    _check(resolution, float(blocks.size) * resolution**3)
+    voxels = np.kron(blocks, np.ones((resolution,) * 3, dtype=bool))
+    return _shifted(voxel_mesh(voxels, edge / resolution, cell_type), corner)
 
 
 def _rise(distance: Array, end: int) -> Array:
@@ -266,7 +176,9 @@ def _shifted(mesh: Mesh, offset: list[float]) -> Mesh:
     return Mesh(mesh.vertices + offset, mesh.cells, mesh.cell_type)
 
 
-def _check_count(voxels: float) -> None:
+def _check(resolution: int, voxels: float) -> None:
+    if resolution != int(resolution) or not 1 <= resolution <= MAX_RESOLUTION:
+        raise MeshError(f"resolution is {resolution}; it must be a whole number from 1 to {MAX_RESOLUTION}")
     if voxels > MAX_VOXELS:
         raise MeshError(f"the shape needs {voxels:.3g} voxels; allowed are {MAX_VOXELS}: lower the resolution")
 

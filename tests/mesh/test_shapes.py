@@ -113,25 +113,25 @@ def test_a_beam_has_the_size_volume_and_area_asked_for(cell_type: str) -> None:
 
 @pytest.mark.parametrize("make, bobs", [(pendulum, 1), (dumbbell, 2)])
 def test_a_weighted_rod_is_a_rod_and_cubes(make: Callable[..., Mesh], bobs: int) -> None:
-    mesh = make(0.3, 0.02, resolution=2)
+    mesh = make(resolution=2)
     rod, bob = 0.3 - 0.06 * bobs, 0.06
     assert enclosed_volume(mesh) == pytest.approx(rod * 0.02**2 + bobs * bob**3, rel=1e-12)
     sides_and_caps = 4 * rod * 0.02 + 6 * bobs * bob**2
     assert surface_area(mesh) == pytest.approx(sides_and_caps + (2 - 2 * bobs) * 0.02**2, rel=1e-12)
 
 
-@pytest.mark.parametrize("make, arms", [(cross, 2), (slender_cross, 6)])
+@pytest.mark.parametrize("make, arms, size", [(cross, 2, 0.22 * 0.15 * 0.05), (slender_cross, 6, 0.3 * 0.26 * 0.025)])
 @pytest.mark.parametrize("cell_type", CELL_TYPES)
 @pytest.mark.parametrize("resolution", [1, 2, 3])
 def test_a_cross_has_the_volume_of_its_map(
-    make: Callable[..., Mesh], arms: int, resolution: int, cell_type: str
+    make: Callable[..., Mesh], arms: int, size: float, resolution: int, cell_type: str
 ) -> None:
     # ∫ over the plus of the Jacobian ab (2 − s − q s'), with a = width/(2e + 2), b = height/2e, e = 2 arms + 1: 2·4 in
     # the middle square and 3/2 · 4 arms on each arm. The map's kinks lie on grid lines and s is odd about an arm's
     # middle, so it is exact.
-    mesh = make(0.22, 0.15, 0.05, resolution, cell_type)
+    mesh = make(resolution, cell_type)
     end = 2 * arms + 1
-    expected = (8 + 4 * 6 * arms) * 0.22 / (2 * end + 2) * 0.15 / (2 * end) * 0.05
+    expected = (8 + 4 * 6 * arms) * size / (2 * end + 2) / (2 * end)
     assert enclosed_volume(mesh) == pytest.approx(expected, rel=1e-12)
 
 
@@ -147,7 +147,7 @@ def test_limbs_of_the_slender_cross_are_twice_as_long_for_their_thickness() -> N
 
 @pytest.mark.parametrize("resolution", [1, 3])
 def test_a_mounted_bar_is_a_plate_and_a_bar(resolution: int) -> None:
-    mesh = mounted_bar(0.4, 0.04, resolution)
+    mesh = mounted_bar(resolution)
     assert enclosed_volume(mesh) == pytest.approx(0.4 * 0.04**2 + 0.12**2 * 0.04, rel=1e-12)
     plate, bar = mesh.vertices[mesh.vertices[:, 0] < 1e-12], mesh.vertices[mesh.vertices[:, 0] > 1e-12]
     np.testing.assert_allclose(np.ptp(plate, axis=0), [0.04, 0.12, 0.12], rtol=1e-12)
@@ -157,7 +157,7 @@ def test_a_mounted_bar_is_a_plate_and_a_bar(resolution: int) -> None:
 
 @pytest.mark.parametrize("resolution", [1, 3])
 def test_a_catapult_stands_on_its_foot_and_its_bowl_holds_something(resolution: int) -> None:
-    mesh = catapult(0.3, 0.02, resolution)
+    mesh = catapult(resolution)
     foot, arm, floor, rim = 25, 15 - 1 - 5, 25, 25 - 9
     assert enclosed_volume(mesh) == pytest.approx((foot + arm + floor + rim) * 0.02**3, rel=1e-12)
     assert mesh.vertices[:, 1].min() == 0
@@ -167,7 +167,7 @@ def test_a_catapult_stands_on_its_foot_and_its_bowl_holds_something(resolution: 
 
 
 def test_a_cross_fills_its_box_and_stands_on_two_flat_feet() -> None:
-    mesh = cross(0.22, 0.15, 0.05, resolution=2)
+    mesh = cross(resolution=2)
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.22, 0.15, 0.05], rtol=1e-12)
     feet = mesh.vertices[mesh.vertices[:, 1] < -0.075 + 1e-12]
     assert len(feet) == 2 * 3 * 3
@@ -185,16 +185,15 @@ def test_a_voxel_makes_one_hex_or_six_tets(name: str) -> None:
 
 
 BAD_CALLS = {
-    "length": (lambda: beam(length=0), "length is 0 m; it must be positive"),
-    "nan": (lambda: cross(width=float("nan")), "width is nan m"),
+    "length": (lambda: beam(length=0), "a beam of 0 × 0.1 × 0.1 m; each side must be positive"),
+    "nan": (lambda: beam(width=float("nan")), "× nan m"),
     "resolution 0": (lambda: beam(resolution=0), "resolution is 0; .* from 1 to"),
     "fraction": (lambda: beam(resolution=1.5), "resolution is 1.5"),  # type: ignore[arg-type]
     "cell type": (lambda: beam(cell_type="wedge6"), "cell type 'wedge6' is not one of tet4, hex8"),
     "too many": (lambda: beam(length=1e6), "needs .* voxels; allowed are"),
-    "short rod": (lambda: pendulum(length=0.05), "length is 0.05 m; with thickness 0.02 m"),
-    "no arm": (lambda: catapult(height=0.1), "length is 0.1 m; with thickness 0.02 m it must be 0.14 or more"),
-    "no bar": (lambda: mounted_bar(length=0.01), "it must be 0.04 or more"),
-    "endless bar": (lambda: mounted_bar(length=1e6), "needs .* voxels; allowed are"),
+    "too fine a bar": (lambda: mounted_bar(resolution=65), "resolution is 65"),
+    "too fine a cross": (lambda: slender_cross(resolution=64), "needs .* voxels; allowed are"),
+    "too fine a rod": (lambda: pendulum(resolution=64), "needs .* voxels; allowed are"),
     "spacing": (lambda: voxel_mesh(np.ones((1, 1, 1), dtype=bool), [1, -1, 1]), "voxel spacing is"),
     "nothing": (lambda: voxel_mesh(np.zeros((2, 1, 1), dtype=bool), 1), "have 0 occupied"),
 }
