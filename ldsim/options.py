@@ -19,7 +19,6 @@ from typing import Annotated, Any, Self, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
-from pydantic import BeforeValidator as BeforeValidator
 from pydantic import Field as Field
 from pydantic import field_validator as field_validator
 from pydantic import model_validator as model_validator

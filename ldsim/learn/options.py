@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from ldsim.options import Field, Options, Positive, Seed, model_validator
+from ldsim.options import Field, Options, Positive, Seed
 
 Width = Annotated[int, Field(ge=1, le=2000)]
 
@@ -98,10 +98,3 @@ class TrainOptions(Options):
     device: Annotated[
         str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
     ] = "auto"
-
-    @model_validator(mode="before")
-    @classmethod
-    def _moved(cls, given: object) -> object:
-        if isinstance(given, dict) and "synthetic" in given:
-            raise ValueError("synthetic is a key of the section pca now: the motions turn its basis too; move it there")
-        return given

@@ -27,9 +27,6 @@ class Loads(NamedTuple):
     pins: tuple[MovedPins, ...] = ()
 
 
-NONE = Loads()
-
-
 class MotionLoads:
     """Hands out the loads of a motion frame by frame, and settles each drag's vertices when it starts.
 

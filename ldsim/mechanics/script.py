@@ -34,20 +34,11 @@ class Path:
         times: of the keyframes, (p,) float64 with p ≥ 2, rising, s.
         values: (p, d) float64.
         eased: whether each stretch starts and ends at rest.
-
-    Raises:
-        MotionError: fewer than two keyframes, a time before 0, or times that do not rise.
     """
 
     times: Array
     values: Array
     eased: bool
-
-    def __post_init__(self) -> None:
-        if len(self.times) < 2:
-            raise MotionError(f"a path needs at least two keyframes, got {len(self.times)}")
-        if self.times[0] < 0 or (np.diff(self.times) <= 0).any():
-            raise MotionError(f"the times of keyframes must rise from 0 s on, got {self.times.tolist()}")
 
     @classmethod
     def of(cls, keyframes: Sequence[tuple[float, ArrayLike]], eased: bool) -> Path:

@@ -20,7 +20,7 @@ from ldsim.mechanics.options import (
 )
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
-from ldsim.options import BeforeValidator, Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
+from ldsim.options import Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
 
 
 class MeshOptions(Options):
@@ -62,22 +62,12 @@ class MeshOptions(Options):
         return () if name is None else (name,)
 
 
-def _no_heldout(role: object) -> object:
-    if role == "heldout":
-        raise ValueError(
-            "heldout is two roles now: write validation where choices were made with the motion in view, test where "
-            "nothing has looked at it"
-        )
-    return role
-
-
 class MotionOptions(Options):
     """One motion: what pulls on the solid, and whether the model may learn from it."""
 
     name: Annotated[Name, Field(description="Name of the motion in every artefact.")]
     role: Annotated[
         Literal["train", "validation", "test"] | None,
-        BeforeValidator(_no_heldout),
         Field(
             description="train: learned from; validation: choices and thresholds may look at it; test: nothing reads "
             "it before simulate. Left out, train, or as test_share chooses."
@@ -106,14 +96,6 @@ class SnapshotOptions(FullOptions):
     ] = 0.0
     test_seed: Annotated[Seed, Field(description="Of the choice of these.")] = 0
     workers: Annotated[int, Field(ge=1, le=1024, description="Motions that run side by side.")] = 2
-
-    @model_validator(mode="before")
-    @classmethod
-    def _renamed(cls, given: object) -> object:
-        for name in ("heldout_share", "heldout_seed"):
-            if isinstance(given, dict) and name in given:
-                raise ValueError(f"{name} is called {name.replace('heldout', 'test')} now")
-        return given
 
     @model_validator(mode="after")
     def _distinct(self) -> SnapshotOptions:

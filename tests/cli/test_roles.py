@@ -105,20 +105,3 @@ def test_a_motion_that_changed_is_run_again(tested: Experiment) -> None:
     done(tested, "snapshot")
     with h5py.File(tested.run / "tests.h5") as file:
         assert (file["motions/c/displacements"][:] != before).any()
-
-
-@pytest.mark.parametrize("key", ["heldout_share", "heldout_seed"])
-def test_an_old_share_of_motions_is_told_its_new_name(experiment: Experiment, key: str) -> None:
-    experiment.change(f"snapshot.{key}", 0)
-    assert f"{key} is called test_{key.split('_')[1]} now" in refusal(experiment, "snapshot")
-
-
-def test_an_old_role_is_told_the_two_that_it_may_be(experiment: Experiment) -> None:
-    experiment.change("snapshot.motions.1.role", "heldout")
-    message = refusal(experiment, "snapshot")
-    assert "write validation where choices were made with the motion in view, test where nothing has looked" in message
-
-
-def test_synthetic_motions_in_the_old_place_are_told_the_new_one(experiment: Experiment) -> None:
-    experiment.change("train.synthetic", {"count": 1, "reach": 0.1})
-    assert "synthetic is a key of the section pca now" in refusal(experiment, "train")

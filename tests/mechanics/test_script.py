@@ -27,15 +27,6 @@ def test_a_straight_path_goes_at_constant_speed_and_an_eased_one_starts_and_stop
     assert Path.of(STEP, True).at(np.array([1.5]))[0, 0] == pytest.approx(5)
 
 
-@pytest.mark.parametrize(
-    ("times", "message"),
-    [([0.0], "at least two keyframes, got 1"), ([0.0, 0.0], "must rise"), ([-1.0, 1.0], "must rise from 0 s")],
-)
-def test_what_is_no_path_is_refused(times: list[float], message: str) -> None:
-    with pytest.raises(MotionError, match=message):
-        Path.of([(time, (0.0,)) for time in times], False)
-
-
 def test_frame_i_is_the_state_at_i_plus_one_steps() -> None:
     assert frame_times(3, 0.1).tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert [frames_until(time, 0.1) for time in (0.0, 0.3, 0.3 + 1e-9, 0.39, 0.4)] == [1, 3, 3, 3, 4]
