@@ -15,18 +15,11 @@ from urllib.parse import quote
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import ArtefactError, ExportError
+from ldsim.report import schema
 from ldsim.report.compare_figures import comparison_figures
 from ldsim.report.page import render
 from ldsim.report.paper import paper_row
-from ldsim.report.schema import (
-    ROLES,
-    MachineDescription,
-    MotionRun,
-    NoveltyNumbers,
-    OnlineError,
-    RunNumbers,
-    check_report,
-)
+from ldsim.report.schema import ROLES, RunNumbers, check_report
 from ldsim.report.svg import drawn
 from ldsim.run import REDUCED, SPACES
 
@@ -159,7 +152,7 @@ def _largest_mm(report: RunNumbers, role: str, method: str) -> float | None:
     return None if errors is None else errors.max_mm
 
 
-def _worst(runs: Sequence[MotionRun], role: str) -> dict[str, Any] | None:
+def _worst(runs: Sequence[schema.MotionRun], role: str) -> dict[str, Any] | None:
     """The run with the largest online error among the motions of a role; None where none was run."""
     mine = [run for run in runs if run.role == role]
     if not mine:
@@ -173,11 +166,11 @@ def _worst(runs: Sequence[MotionRun], role: str) -> dict[str, Any] | None:
     }
 
 
-def _some(numbers: OnlineError | NoveltyNumbers | None, *keys: str) -> dict[str, float | None]:
+def _some(numbers: schema.OnlineError | schema.NoveltyNumbers | None, *keys: str) -> dict[str, float | None]:
     return {key: None if numbers is None else numbers[key] for key in keys}
 
 
-def _badness(run: MotionRun) -> float:
+def _badness(run: schema.MotionRun) -> float:
     """What the worst run has most of: infinite where it diverged, below all others where nothing was measured."""
     error = None if run.online_error is None else run.online_error.relative
     return math.inf if run.diverged else -1.0 if error is None else error
@@ -192,7 +185,7 @@ def warnings_of(runs: Sequence[Reported]) -> list[str]:
     ]
 
 
-def _unlike(runs: Sequence[Reported], what: str, of: Callable[[MachineDescription], str]) -> list[str]:
+def _unlike(runs: Sequence[Reported], what: str, of: Callable[[schema.MachineDescription], str]) -> list[str]:
     """One sentence where the runs' machines differ in something."""
     found: dict[str, list[str]] = {}
     for run in runs:

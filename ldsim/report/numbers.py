@@ -18,38 +18,13 @@ from ldsim.pipeline.comparison import stretch
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.statement import about, bound, sentence
+from ldsim.report import schema
 from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
 from ldsim.report.machine import describe_machine
 from ldsim.report.options import ReportOptions
 from ldsim.report.repeat import configuration
 from ldsim.report.runs import dimensions, runs
-from ldsim.report.schema import (
-    MM_PER_M,
-    Cubatures,
-    Dimensions,
-    ForceErrors,
-    FrontierRun,
-    LearningRound,
-    MachineDescription,
-    MadeFrom,
-    MeshSize,
-    MotionRun,
-    NoveltyNumbers,
-    OnlineError,
-    Reconstruction,
-    Role,
-    RoleReconstructions,
-    RuleNumbers,
-    RunNumbers,
-    SpaceRuns,
-    Speedups,
-    StageCost,
-    Statement,
-    StatementBound,
-    Verdict,
-    VertexErrors,
-    VirtualRule,
-)
+from ldsim.report.schema import MM_PER_M, Role, RunNumbers
 from ldsim.run import REDUCED, SPACES, Run
 from ldsim.space.novelty import remembered
 from ldsim.space.pca import errors_against_k
@@ -70,21 +45,21 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
     mesh, decoder = run.scene.mesh, run.model.decoder
     return RunNumbers(
         experiment=run.experiment,
-        verdict=Verdict(word="not judged", why=""),
+        verdict=schema.Verdict(word="not judged", why=""),
         created=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        machine=MachineDescription(**describe_machine()),
-        mesh=MeshSize(
+        machine=schema.MachineDescription(**describe_machine()),
+        mesh=schema.MeshSize(
             vertices=mesh.n_vertices,
             cells=mesh.n_cells,
             cell_type=mesh.cell_type,
             quadrature_points=len(run.scene.points.weights),
         ),
         kind="condensed" if run.model.condensed else "autoencoder",
-        dims=Dimensions(k=decoder.k, r=decoder.r, kp=run.model.kp),
+        dims=schema.Dimensions(k=decoder.k, r=decoder.r, kp=run.model.kp),
         reconstruction=_reconstructions(run),
         rest_residual_mm=_millimetres(_rest_residual(run)),
-        cubature=Cubatures(latent=_cubature(run, "latent"), linear=_cubature(run, "linear")),
-        simulate=SpaceRuns(
+        cubature=schema.Cubatures(latent=_cubature(run, "latent"), linear=_cubature(run, "linear")),
+        simulate=schema.SpaceRuns(
             **{
                 space: [_motion_run(run, name, trajectory) for name, trajectory in runs(run, space).items()]
                 for space in SPACES
@@ -94,8 +69,8 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
         frontier=_frontier(run),
         speedup=_speedups(run),
         statement=_statement(run),
-        rounds=[LearningRound(**each.model_dump()) for each in read_rounds(run.folder)],
-        made_from=MadeFrom(configuration=configuration(run), settings=options.dump(), inputs=_inputs(run)),
+        rounds=[schema.LearningRound(**each.model_dump()) for each in read_rounds(run.folder)],
+        made_from=schema.MadeFrom(configuration=configuration(run), settings=options.dump(), inputs=_inputs(run)),
         stages=_stages(run, own_cost),
         warnings=[],
         advice=advice(run),
@@ -122,20 +97,20 @@ def _millimetres(metres: float) -> float | None:
     return _finite(MM_PER_M * metres)
 
 
-def _reconstructions(run: Run) -> RoleReconstructions:
+def _reconstructions(run: Run) -> schema.RoleReconstructions:
     """Errors of the autoencoder, and of PCA with r, kp and k modes, on the poses of each role."""
 
-    def found(autoencoder: Array, largest: Array | None, mean: Array | None) -> Reconstruction | None:
+    def found(autoencoder: Array, largest: Array | None, mean: Array | None) -> schema.Reconstruction | None:
         if largest is None or mean is None:
             return None
         pca = {
             f"pca_{name}": _vertex_errors(largest[modes], mean[modes]) if modes < len(largest) else None
             for name, modes in dimensions(run).items()
         }
-        return Reconstruction(autoencoder=_vertex_errors(*autoencoder), **pca)
+        return schema.Reconstruction(autoencoder=_vertex_errors(*autoencoder), **pca)
 
     stored, errors = run.pca, run.model.errors
-    return RoleReconstructions(
+    return schema.RoleReconstructions(
         train=found(errors[0], stored.max_error, stored.mean_error),
         validation=found(errors[1], stored.validation_max_error, stored.validation_mean_error),
         test=found(*_on_tests(run)),
@@ -151,9 +126,9 @@ def _on_tests(run: Run) -> tuple[Array, Array | None, Array | None]:
     return np.array(reached), *errors_against_k(run.chunks("test"), run.basis)
 
 
-def _vertex_errors(largest: float, mean: float) -> VertexErrors:
+def _vertex_errors(largest: float, mean: float) -> schema.VertexErrors:
     """From metres."""
-    return VertexErrors(max_mm=_millimetres(largest), mean_mm=_millimetres(mean))
+    return schema.VertexErrors(max_mm=_millimetres(largest), mean_mm=_millimetres(mean))
 
 
 def _rest_residual(run: Run) -> float:
@@ -163,12 +138,12 @@ def _rest_residual(run: Run) -> float:
     return float(np.linalg.norm(u, axis=1).max())
 
 
-def _cubature(run: Run, space: str) -> RuleNumbers | None:
+def _cubature(run: Run, space: str) -> schema.RuleNumbers | None:
     stored = run.cubature.get(space)
     if stored is None:
         return None
     seconds = run.header("cubature").notes.get(f"{space}_seconds")
-    return RuleNumbers(
+    return schema.RuleNumbers(
         points=len(stored.best.points),
         relative_error=_force_errors(stored.best),
         virtual=None if stored.virtual is None else _virtual(stored.virtual.rule),
@@ -177,20 +152,20 @@ def _cubature(run: Run, space: str) -> RuleNumbers | None:
     )
 
 
-def _virtual(rule: CubatureRule) -> VirtualRule:
-    return VirtualRule(points=len(rule.points), relative_error=_force_errors(rule))
+def _virtual(rule: CubatureRule) -> schema.VirtualRule:
+    return schema.VirtualRule(points=len(rule.points), relative_error=_force_errors(rule))
 
 
-def _force_errors(rule: CubatureRule) -> ForceErrors:
-    return ForceErrors(fitted=_finite(rule.training_error), kept_back=_finite(rule.heldout_error))
+def _force_errors(rule: CubatureRule) -> schema.ForceErrors:
+    return schema.ForceErrors(fitted=_finite(rule.training_error), kept_back=_finite(rule.heldout_error))
 
 
-def _motion_run(run: Run, motion: str, trajectory: Trajectory) -> MotionRun:
+def _motion_run(run: Run, motion: str, trajectory: Trajectory) -> schema.MotionRun:
     """Times and counts of the steps that were made, and the error over the whole motion."""
     made = np.isfinite(trajectory.seconds)
     milliseconds = MS_PER_S * trajectory.seconds[made]
     some = len(milliseconds) > 0
-    return MotionRun(
+    return schema.MotionRun(
         motion=motion,
         role=cast(Role, run.motions[motion].role),
         frames=int(made.sum()),
@@ -205,12 +180,12 @@ def _motion_run(run: Run, motion: str, trajectory: Trajectory) -> MotionRun:
     )
 
 
-def _online_error(trajectory: Trajectory) -> OnlineError | None:
+def _online_error(trajectory: Trajectory) -> schema.OnlineError | None:
     """Mean vertex distance to the full space over its mean displacement, and plain; infinite means None."""
     mean, largest = trajectory.mean_error, trajectory.max_error
     if mean is None or largest is None or len(mean) == 0:
         return None
-    return OnlineError(
+    return schema.OnlineError(
         relative=_finite(trajectory.relative_error),
         windowed=_finite(trajectory.windowed_error),
         max_mm=_millimetres(largest.max()),
@@ -218,7 +193,7 @@ def _online_error(trajectory: Trajectory) -> OnlineError | None:
     )
 
 
-def _novelty(run: Run, trajectory: Trajectory) -> NoveltyNumbers | None:
+def _novelty(run: Run, trajectory: Trajectory) -> schema.NoveltyNumbers | None:
     """The score over the motion, the share of frames above the threshold, and how well it ranks the true error."""
     if trajectory.novelty is None or run.model.novelty is None:
         return None
@@ -226,7 +201,7 @@ def _novelty(run: Run, trajectory: Trajectory) -> NoveltyNumbers | None:
     if len(scores) == 0:
         return None
     threshold = run.model.novelty.threshold
-    return NoveltyNumbers(
+    return schema.NoveltyNumbers(
         median=_finite(np.median(scores)),
         threshold=_finite(threshold),
         share_above=_finite((scores > threshold).mean()),
@@ -246,10 +221,10 @@ def rank_correlation(score: Array, trajectory: Trajectory) -> float | None:
     return _finite(np.corrcoef(score, error)[0, 1])
 
 
-def _frontier(run: Run) -> list[FrontierRun]:
+def _frontier(run: Run) -> list[schema.FrontierRun]:
     """Every reduced space on every motion that it ran."""
     return [
-        FrontierRun(
+        schema.FrontierRun(
             space=space,
             dimension=dimension(run, space),
             points=points(run, space),
@@ -264,11 +239,11 @@ def _frontier(run: Run) -> list[FrontierRun]:
     ]
 
 
-def _speedups(run: Run) -> Speedups:
+def _speedups(run: Run) -> schema.Speedups:
     role, found = judged(run)
     latent, equal, best = equal_error(found)
     beside = best if equal is None else equal
-    return Speedups(
+    return schema.Speedups(
         latent_over_linear_equal_error=None if latent is None or equal is None else equal.seconds / latent.seconds,
         judged_on=cast(Role, role) if found else None,
         latent_error=None if latent is None else _finite(latent.error),
@@ -303,7 +278,7 @@ def _inputs(run: Run) -> dict[str, str]:
     return {kind: run.hash(kind) for kind in WRITTEN_BY if run.path(kind).is_file()}
 
 
-def _statement(run: Run) -> Statement | None:
+def _statement(run: Run) -> schema.Statement | None:
     """Of the fresh motions, where there were some."""
     options = SimulateOptions.of_dump(run.header("simulation").settings).statement
     errors = run.fresh_errors
@@ -311,14 +286,14 @@ def _statement(run: Run) -> Statement | None:
         return None
     bounds = {space: bound(errors[space], options.quantile, options.confidence) for space in REDUCED}
     found, what = bounds["latent"], about(options)
-    return Statement(
+    return schema.Statement(
         sentence=sentence(found, what),
         about=what,
         motions=found.motions,
         quantile=found.quantile,
         confidence=found.confidence,
         **{
-            space: StatementBound(
+            space: schema.StatementBound(
                 error=_finite(bounds[space].error),
                 median=_finite(np.median(errors[space])),
                 lost=int(np.isinf(errors[space]).sum()),
@@ -328,11 +303,11 @@ def _statement(run: Run) -> Statement | None:
     )
 
 
-def _stages(run: Run, own_cost: Mapping[str, float]) -> dict[str, StageCost]:
+def _stages(run: Run, own_cost: Mapping[str, float]) -> dict[str, schema.StageCost]:
     """Seconds and memory of each stage as its artefact's header has them, and the report's own."""
     notes = {STAGE_OF[kind]: run.header(kind).notes for kind in STAGE_OF} | {"report": own_cost}
-    keys = tuple(StageCost.model_fields)
+    keys = tuple(schema.StageCost.model_fields)
     return {
-        stage: StageCost(**{key: _finite(float(values[key])) if key in values else None for key in keys})
+        stage: schema.StageCost(**{key: _finite(float(values[key])) if key in values else None for key in keys})
         for stage, values in notes.items()
     }
