@@ -15,10 +15,11 @@ from ldsim.artefacts.records import (
     StoredModel,
     read_basis,
     read_cubature,
+    read_fresh,
     read_model,
     read_scene,
+    read_simulation,
 )
-from ldsim.artefacts.simulation import read_fresh, read_simulation
 from ldsim.artefacts.snapshots import Recorded, Snapshots
 from ldsim.artefacts.store import WRITTEN_BY, Header, file_hash, read_header, reading
 from ldsim.cubature.path import RulePath

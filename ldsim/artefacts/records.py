@@ -1,4 +1,4 @@
-"""The plain data types to and from artefacts: scene, basis, model and cubature."""
+"""The plain data types to and from artefacts: scene, basis, model, cubature and simulation."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ldsim.arrays import Array
 from ldsim.artefacts.store import Header, optional, pieces, read_header, reading, write
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
+from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import ArtefactError, SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Group, Mesh
@@ -240,3 +241,36 @@ def _virtual(group: h5py.Group) -> VirtualFit | None:
     material = int(group["virtual_material"][()]) if "virtual_material" in group else None
     rule = CubatureRule(points, weights, training, maps, heldout, perturbed, material)
     return VirtualFit(rule, float(group["virtual_closure"][()]), group["virtual_judged"][:])
+
+
+Runs = Mapping[str, Mapping[str, Trajectory]]
+Fresh = Mapping[str, Array]
+
+
+def write_simulation(path: Path, header: Header, runs: Runs, fresh: Fresh | None = None) -> None:
+    """Write simulation.h5 from space → motion → trajectory, and space → online errors of fresh motions."""
+    datasets = {f"fresh/{name}": errors for name, errors in (fresh or {}).items()}
+    for space, motions in runs.items():
+        for motion, trajectory in motions.items():
+            datasets |= {f"runs/{space}/{motion}/{name}": values for name, values in vars(trajectory).items()}
+    write(path, header, datasets)
+
+
+def read_simulation(path: Path) -> tuple[dict[str, dict[str, Trajectory]], Header]:
+    """Read simulation.h5."""
+    with reading(path, "simulation") as file:
+        runs = {
+            space: {motion: _trajectory(group) for motion, group in motions.items()}
+            for space, motions in file["runs"].items()
+        }
+        return runs, read_header(file)
+
+
+def read_fresh(path: Path) -> dict[str, Array]:
+    """Space → online errors of the fresh motions; empty where there were none."""
+    with reading(path, "simulation") as file:
+        return {space: data[:] for space, data in file["fresh"].items()} if "fresh" in file else {}
+
+
+def _trajectory(group: h5py.Group) -> Trajectory:
+    return Trajectory(**{name: data[:] for name, data in group.items()})

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ldsim.artefacts.atomic import replacing
-from ldsim.artefacts.folder import replacing_folder
+from ldsim.artefacts.atomic import replacing, replacing_folder
 from ldsim.errors import ExportError
 from ldsim.export.arrays import write_npz, write_safetensors
 from ldsim.export.c_library import write_c, write_wasm

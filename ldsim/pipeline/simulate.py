@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldsim.artefacts.simulation import write_simulation
+from ldsim.artefacts.records import write_simulation
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread

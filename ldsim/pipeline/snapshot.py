@@ -10,12 +10,17 @@ from pathlib import Path
 from ldsim.artefacts.partial import MotionStore, Stored, StoredBefore, write_snapshots
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.linear_choice import choose
-from ldsim.errors import ArtefactError
+from ldsim.errors import ArtefactError, LdsimError
 from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.options import ScriptOptions
+from ldsim.mechanics.random_pulls import surface_pulls
+from ldsim.mechanics.recording import read_recording
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.script import released, scripted, swept
+from ldsim.options import read_options
 from ldsim.pipeline.ensemble import run_identity, run_motions
-from ldsim.pipeline.files import file_sums
-from ldsim.pipeline.motions import motion
-from ldsim.pipeline.options import SnapshotOptions
+from ldsim.pipeline.files import file_sums, resolve_path
+from ldsim.pipeline.options import MotionOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.run import Run, Stage
 
@@ -130,3 +135,35 @@ class _Gathering:
         if name in self.kept:
             return StoredBefore(self.kept[name], name)
         return MotionStore(self.run.folder / "snapshots.partial", self.motions[name])
+
+
+def motion(scene: Scene, options: MotionOptions, base: Path = Path()) -> Motion:
+    """The motion that the options describe, for a scene.
+
+    Args:
+        base: the folder to which the files of the options are relative.
+
+    Raises:
+        LdsimError: naming the motion.
+    """
+    try:
+        whole = _motion(scene, options, base)
+    except LdsimError as error:
+        raise type(error)(f"motion {options.name}: {error}") from error
+    return whole if options.frames is None else whole.first(options.frames)
+
+
+def _motion(scene: Scene, options: MotionOptions, base: Path) -> Motion:
+    name = options.name
+    if options.recording is not None:
+        return read_recording(resolve_path(options.recording, base), name)
+    if options.pulls is not None:
+        return surface_pulls(name, scene, options.pulls)
+    if options.script is not None:
+        return scripted(name, scene, options.script)
+    if options.script_file is not None:
+        return scripted(name, scene, read_options(resolve_path(options.script_file, base), "script", ScriptOptions))
+    if options.gravity_sweep is not None:
+        return swept(name, scene, options.gravity_sweep)
+    assert options.release is not None
+    return released(name, scene, options.release)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ldsim.artefacts.folder import replacing_folder
+from ldsim.artefacts.atomic import replacing_folder
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.cubature.options import CubatureOptions
 from ldsim.jit import one_thread

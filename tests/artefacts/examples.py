@@ -17,12 +17,13 @@ from ldsim.artefacts.records import (
     read_cubature,
     read_model,
     read_scene,
+    read_simulation,
     write_basis,
     write_cubature,
     write_model,
     write_scene,
+    write_simulation,
 )
-from ldsim.artefacts.simulation import read_simulation, write_simulation
 from ldsim.artefacts.snapshots import STATISTICS, Snapshots
 from ldsim.artefacts.store import Header
 from ldsim.cubature.path import RulePath, VirtualFit

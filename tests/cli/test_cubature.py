@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ldsim import Run, load
-from ldsim.artefacts.records import read_cubature
-from ldsim.artefacts.simulation import read_simulation
+from ldsim.artefacts.records import read_cubature, read_simulation
 from ldsim.cli.cubature import MISSED
 from ldsim.errors import ArtefactError
 from tests.cli.experiments import TINY, Experiment, refusal

@@ -76,7 +76,7 @@ def crash_while_replacing(monkeypatch: pytest.MonkeyPatch) -> None:
             raise RuntimeError("the power went out")
         replace(source, target)
 
-    monkeypatch.setattr("ldsim.artefacts.folder.os.replace", failing)
+    monkeypatch.setattr("ldsim.artefacts.atomic.os.replace", failing)
 
 
 def _raise(*_: object, **__: object) -> None:
@@ -161,6 +161,6 @@ def test_a_folder_that_cannot_be_written_is_one_line(root, monkeypatch):
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ldsim.artefacts.folder.Path.mkdir", full)
+    monkeypatch.setattr("ldsim.artefacts.atomic.Path.mkdir", full)
     result = report(root)
     assert result.exit_code == 1 and "No space left on device; free some space" in result.stderr

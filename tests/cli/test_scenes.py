@@ -18,8 +18,8 @@ from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene, properties_of
 from ldsim.mesh.shapes import beam
-from ldsim.pipeline.motions import motion
 from ldsim.pipeline.options import MotionOptions
+from ldsim.pipeline.snapshot import motion
 from ldsim.settings import load_settings
 from tests.helpers import uniform_scene
 

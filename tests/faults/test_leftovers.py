@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from ldsim.artefacts.folder import replacing_folder
+from ldsim.artefacts.atomic import replacing_folder
 from ldsim.cli.app import main
 from tests.artefacts.examples import EXAMPLES
 from tests.artefacts.test_artefacts import header

@@ -7,8 +7,8 @@ import pytest
 
 from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Mesh
-from ldsim.mesh.quality import radius_ratios
 from ldsim.mesh.shapes import beam
+from ldsim.mesh.tetrahedralize import radius_ratios
 
 REGULAR = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 

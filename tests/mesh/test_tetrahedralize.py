@@ -13,8 +13,14 @@ import pytest
 from ldsim.errors import MeshError
 from ldsim.mesh import tetrahedralize
 from ldsim.mesh.mesh import Mesh, check_cells, components, corner_volumes
-from ldsim.mesh.quality import radius_ratios
-from ldsim.mesh.tetrahedralize import ENVELOPE, TRIES, Tetrahedralization, tetrahedralized, tetrahedralized_to_count
+from ldsim.mesh.tetrahedralize import (
+    ENVELOPE,
+    TRIES,
+    Tetrahedralization,
+    radius_ratios,
+    tetrahedralized,
+    tetrahedralized_to_count,
+)
 from ldsim.mesh.triangles import Triangles
 from tests.mesh.surfaces import boundary, box, is_closed_and_oriented, together
 

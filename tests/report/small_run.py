@@ -15,8 +15,8 @@ from ldsim.artefacts.records import (
     write_cubature,
     write_model,
     write_scene,
+    write_simulation,
 )
-from ldsim.artefacts.simulation import write_simulation
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule
