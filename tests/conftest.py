@@ -6,6 +6,8 @@ that the tests start.
 """
 
 import os
+import shutil
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -52,3 +54,19 @@ class Units(LoadScopeScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         return unit(nodeid)
+
+
+@pytest.fixture(scope="session")
+def playable(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a small beam that can be simulated; tests only read it."""
+    from tests.simulator.playable import write_playable  # not before the environment is as it should be
+
+    folder: Path = tmp_path_factory.mktemp("playable")
+    write_playable(folder)
+    return folder
+
+
+@pytest.fixture
+def own_run(playable: Path, tmp_path: Path) -> Path:
+    """A copy of it for one test alone."""
+    return Path(shutil.copytree(playable, tmp_path, dirs_exist_ok=True))

@@ -20,20 +20,7 @@ from ldsim.mechanics.loads import Loads
 from ldsim.run import Run
 from ldsim.space.space import Space
 from tests.report import small_run
-from tests.simulator.playable import KP, K, R, header, solid, write_playable
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("playable")
-    write_playable(path, resolution=1)
-    return path
-
-
-@pytest.fixture
-def own(tmp_path: Path) -> Path:
-    write_playable(tmp_path, resolution=1)
-    return tmp_path
+from tests.simulator.playable import KP, K, R, header, solid
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +32,10 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         yield run
 
 
-def test_a_run_reads_nothing_before_it_is_asked_for(own: Path) -> None:
+def test_a_run_reads_nothing_before_it_is_asked_for(own_run: Path) -> None:
     for kind in ("basis", "model", "cubature"):
-        (own / f"{kind}.h5").write_bytes(b"no artefact")
-    run = Run.open(own)
+        (own_run / f"{kind}.h5").write_bytes(b"no artefact")
+    run = Run.open(own_run)
     assert run.experiment == "playable"
     assert run.scene.mesh.n_vertices == solid(1).mesh.n_vertices
     assert run.space("full").r == 3 * run.scene.mesh.n_vertices
@@ -57,8 +44,8 @@ def test_a_run_reads_nothing_before_it_is_asked_for(own: Path) -> None:
             getattr(run, kind)
 
 
-def test_an_artefact_is_read_once(folder: Path) -> None:
-    run = Run.open(folder)
+def test_an_artefact_is_read_once(playable: Path) -> None:
+    run = Run.open(playable)
     for kind in ("scene", "pca", "model", "cubature"):
         assert getattr(run, kind) is getattr(run, kind)
     assert run.basis is run.pca.basis
@@ -71,9 +58,9 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
         Run.open(tmp_path)
 
 
-def test_an_artefact_of_another_scene_is_refused_by_name(own: Path) -> None:
-    write_scene(own / "scene.h5", header(own, "scene"), replace(solid(1), gravity=np.zeros(3)))
-    run = Run.open(own)
+def test_an_artefact_of_another_scene_is_refused_by_name(own_run: Path) -> None:
+    write_scene(own_run / "scene.h5", header(own_run, "scene"), replace(solid(1), gravity=np.zeros(3)))
+    run = Run.open(own_run)
     assert not run.scene.gravity.any()
     for _ in range(2):  # what was refused is not kept
         with pytest.raises(ArtefactError, match="basis.h5 was made from another scene than .*scene.h5"):
@@ -82,17 +69,17 @@ def test_an_artefact_of_another_scene_is_refused_by_name(own: Path) -> None:
         run.cubature  # noqa: B018
 
 
-def test_an_artefact_of_another_experiment_is_refused_by_name(folder: Path) -> None:
-    run = Run(folder, "other")
+def test_an_artefact_of_another_experiment_is_refused_by_name(playable: Path) -> None:
+    run = Run(playable, "other")
     with pytest.raises(ArtefactError, match="scene.h5 belongs to the experiment 'playable', expected 'other'"):
         run.scene  # noqa: B018
 
 
-def test_what_a_stage_has_written_is_read_anew(own: Path) -> None:
-    run = Run.open(own)
+def test_what_a_stage_has_written_is_read_anew(own_run: Path) -> None:
+    run = Run.open(own_run)
     before, hash_before = run.model, run.hash("model")
-    stored, _ = read_model(own / "model.h5")
-    write_model(own / "model.h5", header(own, "model", activation="elu"), replace(stored, kp=KP - 1))
+    stored, _ = read_model(own_run / "model.h5")
+    write_model(own_run / "model.h5", header(own_run, "model", activation="elu"), replace(stored, kp=KP - 1))
     assert run.model is before and run.hash("model") == hash_before
     run.written("model")
     assert run.model.kp == KP - 1 and run.hash("model") != hash_before
@@ -110,8 +97,10 @@ def by_hand(run: Run, name: str) -> Space:
 
 
 @pytest.mark.parametrize(("name", "r", "k"), [("latent", R, K), ("linear", KP, KP), ("full", None, None)])
-def test_a_space_and_its_stepper_are_those_made_by_hand(folder: Path, name: str, r: int | None, k: int | None) -> None:
-    run = Run.open(folder)
+def test_a_space_and_its_stepper_are_those_made_by_hand(
+    playable: Path, name: str, r: int | None, k: int | None
+) -> None:
+    run = Run.open(playable)
     space, expected, size = run.space(name), by_hand(run, name), 3 * run.scene.mesh.n_vertices
     assert (space.name, space.r, space.decoder.k) == (name, r or size, k or size)
     np.testing.assert_array_equal(space.rule.points, expected.rule.points)
@@ -129,14 +118,14 @@ def test_a_space_and_its_stepper_are_those_made_by_hand(folder: Path, name: str,
     assert np.abs(alone.displacement(other)).max() > 1e-4
 
 
-def test_the_usual_tolerance_is_that_of_the_space(folder: Path) -> None:
-    run = Run.open(folder)
+def test_the_usual_tolerance_is_that_of_the_space(playable: Path) -> None:
+    run = Run.open(playable)
     full, latent = run.stepper("full"), run.stepper("latent")
     assert full.options == FullOptions() and latent.options == ReducedOptions()
 
 
-def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(folder: Path) -> None:
-    run = Run.open(folder)
+def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(playable: Path) -> None:
+    run = Run.open(playable)
     every = run.scene.points.n_points
     few = len(run.cubature["latent"].rules[0].points)
     assert run.space("latent").rule.maps is not None
@@ -148,9 +137,9 @@ def test_at_most_so_many_points_of_the_mesh_can_be_asked_for(folder: Path) -> No
     assert len(run.space("linear", few).rule.points) == few
 
 
-def test_a_space_that_is_none_is_refused(folder: Path) -> None:
+def test_a_space_that_is_none_is_refused(playable: Path) -> None:
     with pytest.raises(ArtefactError, match="space is 'latnet'; known are auto, full, latent, linear"):
-        Run.open(folder).space("latnet")
+        Run.open(playable).space("latnet")
 
 
 def test_a_motion_is_given_back_as_it_was_recorded(small: Run) -> None:
@@ -170,7 +159,7 @@ def test_a_closed_run_opens_its_snapshots_again(small: Run) -> None:
     assert small.recorded("push").motion.frames == small_run.FRAMES["push"]
 
 
-def test_spaces_of_a_run_whose_pins_stand_still_have_a_lifting_of_nothing(small: Run, folder: Path) -> None:
+def test_spaces_of_a_run_whose_pins_stand_still_have_a_lifting_of_nothing(small: Run, playable: Path) -> None:
     lifting = small.space("latent").lifting
     assert lifting is not None and lifting.count == 0
-    assert Run.open(folder).space("latent").lifting is None
+    assert Run.open(playable).space("latent").lifting is None

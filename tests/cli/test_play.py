@@ -23,20 +23,12 @@ from ldsim.settings import load_settings
 from ldsim.settings.record import RecordOptions, recording_scene
 from tests.cli.experiments import TINY, refused
 from tests.report.small_run import write_run
-from tests.simulator.playable import write_playable
 
 ONE = (
     "MeshVersionFormatted 1\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
     "Tetrahedra\n1\n1 2 3 4 0\nEnd\n"
 )
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    return folder
 
 
 def config(folder: Path) -> Path:
@@ -60,8 +52,8 @@ def started(*arguments: str, **environment: str) -> tuple[str, str, str, int]:
     return page, url + "\n" + out, err, process.returncode
 
 
-def test_play_prints_the_address_serves_the_page_and_stops_when_interrupted(run: Path) -> None:
-    page, out, _, status = started("play", str(run), "--no-browser")
+def test_play_prints_the_address_serves_the_page_and_stops_when_interrupted(playable: Path) -> None:
+    page, out, _, status = started("play", str(playable), "--no-browser")
     assert "<canvas" in page
     assert out.startswith("http://127.0.0.1:") and out.endswith("stopped\n")
     assert status == 0
@@ -75,8 +67,8 @@ def test_record_serves_a_page_for_a_configuration_and_for_a_mesh_file(tmp_path: 
         assert "<canvas" in page and status == 0
 
 
-def test_without_a_browser_the_address_is_all_there_is(run: Path) -> None:
-    _, out, err, status = started("play", str(run), BROWSER="/bin/false", DISPLAY="", WAYLAND_DISPLAY="", PATH="")
+def test_without_a_browser_the_address_is_all_there_is(playable: Path) -> None:
+    _, out, err, status = started("play", str(playable), BROWSER="/bin/false", DISPLAY="", WAYLAND_DISPLAY="", PATH="")
     assert status == 0 and out.startswith("http://")
     assert "no browser could be started here; open the address above in one" in err
 
@@ -85,8 +77,8 @@ def refusal(*arguments: str) -> str:
     return refused(CliRunner().invoke(main, list(arguments)))
 
 
-def test_a_run_without_a_model_is_refused(run: Path, tmp_path: Path) -> None:
-    (tmp_path / "scene.h5").write_bytes((run / "scene.h5").read_bytes())
+def test_a_run_without_a_model_is_refused(playable: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene.h5").write_bytes((playable / "scene.h5").read_bytes())
     assert "basis.h5 does not exist; run `ldsim pca` first" in refusal("play", str(tmp_path))
 
 
@@ -103,10 +95,10 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path, name: str) -> None:
     assert "is not the folder of a run" in refusal("play", str(tmp_path / name))
 
 
-def test_a_port_in_use_is_refused(run: Path) -> None:
+def test_a_port_in_use_is_refused(playable: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert f"port {port}: it is in use; choose another" in refusal("play", str(run), "--port", str(port))
+        assert f"port {port}: it is in use; choose another" in refusal("play", str(playable), "--port", str(port))
 
 
 def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:

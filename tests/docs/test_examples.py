@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 
 from ldsim import Run, load
-from tests.simulator.playable import write_playable
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide"
 
@@ -41,9 +41,10 @@ def check_the_first_pull(names: dict[str, Any]) -> None:
     assert np.linalg.norm(names["u"], axis=1).max() > 0.02 * unpulled.scene.mesh.diagonal
 
 
-def test_the_examples_of_the_simulator_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "runs" / "demo").mkdir(parents=True)
-    write_playable(tmp_path / "runs" / "demo", resolution=1)
+def test_the_examples_of_the_simulator_page_run(
+    playable: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(playable, tmp_path / "runs" / "demo")
     monkeypatch.chdir(tmp_path)
     names = run_examples("simulator.md", check_the_first_pull)
     first, second = names["ends"]  # type: ignore[misc]
@@ -60,9 +61,10 @@ def test_the_examples_of_the_python_page_run_every_stage(tmp_path: Path, monkeyp
     np.testing.assert_allclose(names["u"], full, atol=1e-4)  # type: ignore[arg-type]
 
 
-def test_the_example_of_the_readme_moves_the_solid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "runs" / "demo").mkdir(parents=True)
-    write_playable(tmp_path / "runs" / "demo", resolution=1)
+def test_the_example_of_the_readme_moves_the_solid(
+    playable: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(playable, tmp_path / "runs" / "demo")
     monkeypatch.chdir(tmp_path)
     (block,) = re.findall(r"^```python\n(.*?)^```", (GUIDE.parents[1] / "README.md").read_text("utf-8"), re.M | re.S)
     names: dict[str, Any] = {}

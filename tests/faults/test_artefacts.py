@@ -23,7 +23,7 @@ from reproduction.faults import mutations
 from tests.artefacts.examples import EXAMPLES
 from tests.artefacts.test_artefacts import header, refusal
 from tests.helpers import changed
-from tests.simulator.playable import KP, K, R, write_playable
+from tests.simulator.playable import KP, K, R
 
 FLIPS = 60
 every_kind = pytest.mark.parametrize("kind", EXAMPLES)
@@ -187,13 +187,6 @@ MISFITS: dict[str, tuple[str, Callable[[h5py.File], None]]] = {
 
 def _novelty(r: int) -> dict[str, Any]:
     return {"novelty/landmarks": np.zeros((2, r)), "novelty/reach": 1.0, "novelty/threshold": 2.0}
-
-
-@pytest.fixture(scope="module")
-def playable(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("playable")
-    write_playable(folder, resolution=1)
-    return folder
 
 
 @pytest.mark.parametrize("case", MISFITS)

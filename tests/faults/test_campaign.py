@@ -21,16 +21,8 @@ from reproduction.faults.campaign import README, fill
 from reproduction.faults.mutations import OF_ARTEFACTS, text_spoilt
 from reproduction.harness import RESULTS
 from tests.cli.experiments import TINY
-from tests.simulator.playable import write_playable
 
 SEED, ARTEFACTS, TEXTS = 4, 6, 300
-
-
-@pytest.fixture(scope="module")
-def playable(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("playable")
-    write_playable(folder, resolution=1)
-    return folder
 
 
 def answer(folder: Path) -> str:

@@ -16,7 +16,6 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from ldsim.viewer.playground import play_server
 from ldsim.viewer.protocol import ProtocolError, parse
 from ldsim.viewer.server import MAX_PAGES, MAX_TEXTS, Client
-from tests.simulator.playable import write_playable
 from tests.viewer.served import joined, served
 from tests.viewer.test_server import next_frame, status_of
 
@@ -34,10 +33,8 @@ MESSAGES = {
 
 
 @pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    folder: Path = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    with served(play_server(folder, ["latent"], 0, until_closed=False)) as address:
+def url(playable: Path) -> Iterator[str]:
+    with served(play_server(playable, ["latent"], 0, until_closed=False)) as address:
         yield address
 
 

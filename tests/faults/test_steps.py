@@ -37,7 +37,7 @@ from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience
 from reproduction.rivals.condensed_linear import condensed_linear
 from tests.helpers import reduced_space, scene
-from tests.simulator.playable import modes, solid, write_playable
+from tests.simulator.playable import modes, solid
 
 VIOLENT_STEPS = {"latent": 2000, "linear": 2000, "full": 25}
 
@@ -156,17 +156,10 @@ def rounding(stepper: ReducedStepper, before: ReducedState, z: NDArray[np.float6
     return float(np.linalg.norm(gradients[1:] - gradients[0], axis=1).max())
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    return folder
-
-
 @pytest.mark.parametrize("space", VIOLENT_STEPS)
-def test_violent_loads_leave_a_finite_shape_near_the_solid(run: Path, space: str) -> None:
+def test_violent_loads_leave_a_finite_shape_near_the_solid(playable: Path, space: str) -> None:
     rng = np.random.default_rng(7)
-    simulator = load(run, space, seconds=0.1)
+    simulator = load(playable, space, seconds=0.1)
     vertices, free = simulator.scene.mesh.vertices, simulator.scene.free
     started = time.monotonic()
     for number in range(VIOLENT_STEPS[space]):

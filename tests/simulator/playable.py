@@ -54,9 +54,9 @@ def curved_decoder(k: int = K, r: int = R) -> Decoder:
     return Decoder.network([into, out], [np.zeros(2 * r), np.zeros(k)], "elu")
 
 
-def write_playable(folder: Path, resolution: int = 2) -> Scene:
-    """Write scene, basis, model and cubature into a folder; returns the scene."""
-    body = solid(resolution)
+def write_playable(folder: Path) -> None:
+    """Write scene, basis, model and cubature into a folder."""
+    body = solid(1)
     write_scene(folder / "scene.h5", header(folder, "scene"), body)
     U, error = modes(body), np.geomspace(0.1, 1e-4, K + 1)
     write_basis(folder / "basis.h5", header(folder, "basis"), Pca(Basis.of(U, body.mass), error[:K], error, error))
@@ -74,7 +74,6 @@ def write_playable(folder: Path, resolution: int = 2) -> Scene:
     virtual = VirtualFit(replace(rules[0], maps=maps), 1.0, np.array([[np.nan, 0.2], [1.0, 0.1]]))
     spaces = {"latent": replace(stored, virtual=virtual), "linear": stored}
     write_cubature(folder / "cubature.h5", header(folder, "cubature"), spaces)
-    return body
 
 
 def header(folder: Path, kind: str, **notes: str) -> Header:

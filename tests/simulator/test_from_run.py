@@ -13,20 +13,7 @@ from ldsim.artefacts.records import read_cubature, read_model, write_cubature, w
 from ldsim.errors import ArtefactError
 from ldsim.simulator import load
 from ldsim.space.novelty import Novelty
-from tests.simulator.playable import KP, K, R, header, solid, write_playable
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    write_playable(folder, resolution=1)
-    return folder
-
-
-@pytest.fixture
-def own_run(tmp_path: Path) -> Path:
-    write_playable(tmp_path, resolution=1)
-    return tmp_path
+from tests.simulator.playable import KP, K, R, header, solid
 
 
 def test_the_package_loads_a_run() -> None:
@@ -36,8 +23,8 @@ def test_the_package_loads_a_run() -> None:
 
 
 @pytest.mark.parametrize(("space", "size"), [("latent", K), ("linear", KP), ("full", None)])
-def test_every_space_of_a_run_is_pulled_towards_the_target(run: Path, space: str, size: int | None) -> None:
-    sim = load(run, space)
+def test_every_space_of_a_run_is_pulled_towards_the_target(playable: Path, space: str, size: int | None) -> None:
+    sim = load(playable, space)
     assert len(sim.coordinates) == (size or 3 * sim.scene.mesh.n_vertices)
     sim.gravity = (0, 0, 0)
     tip = sim.surface.rest[sim.surface.rest[:, 0].argmax()]
@@ -47,16 +34,16 @@ def test_every_space_of_a_run_is_pulled_towards_the_target(run: Path, space: str
     assert sim.time == pytest.approx(20 * sim.scene.time_step)
 
 
-def test_a_smaller_cubature_can_be_asked_for(run: Path) -> None:
-    every, few = load(run, "linear"), load(run, "linear", points=5)
+def test_a_smaller_cubature_can_be_asked_for(playable: Path) -> None:
+    every, few = load(playable, "linear"), load(playable, "linear", points=5)
     assert len(few.space.rule.points) < len(every.space.rule.points) == every.scene.points.n_points
 
 
-def test_virtual_points_are_stepped_unless_points_of_the_mesh_are_asked_for(run: Path) -> None:
-    stored = read_cubature(run / "cubature.h5")[0]["latent"]
+def test_virtual_points_are_stepped_unless_points_of_the_mesh_are_asked_for(playable: Path) -> None:
+    stored = read_cubature(playable / "cubature.h5")[0]["latent"]
     assert stored.virtual is not None
     few = len(stored.virtual.rule.points)
-    virtual, on_mesh, again = load(run), load(run, points=few), load(run, points=few)
+    virtual, on_mesh, again = load(playable), load(playable, points=few), load(playable, points=few)
     for sim in (virtual, on_mesh, again):
         assert len(sim.space.rule.points) == few
         sim.step(5)
@@ -97,8 +84,8 @@ def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_the
     assert np.isnan(load(own_run, "linear").novelty)
 
 
-def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(run: Path, tmp_path: Path) -> None:
+def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(playable: Path, tmp_path: Path) -> None:
     with pytest.raises(ArtefactError, match="is not the folder of a run"):
         load(tmp_path / "nothing")
     with pytest.raises(ArtefactError, match="known are auto, full, latent, linear"):
-        load(run, "latnet")
+        load(playable, "latnet")

@@ -27,8 +27,8 @@ READY = "window.ldsim !== undefined && ldsim.ready"
 
 
 @pytest.fixture(scope="module")
-def server(run: Path) -> Server:
-    return play_server(run, ["latent"], 0, until_closed=False)
+def server(playable: Path) -> Server:
+    return play_server(playable, ["latent"], 0, until_closed=False)
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +98,8 @@ def facing_vertex(tab: Tab, sim: Simulator) -> tuple[int, tuple[float, float]]:
     return int(corner), (x + 0.3 * (mx - x), y + 0.3 * (my - y))
 
 
-def test_the_page_draws_what_the_api_computes(tab: Tab, run: Path) -> None:
-    sim = load(run)
+def test_the_page_draws_what_the_api_computes(tab: Tab, playable: Path) -> None:
+    sim = load(playable)
     np.testing.assert_allclose(positions(tab), sim.surface.rest, atol=1e-7)
     click(tab, "gravity")
     for _ in range(5):
@@ -112,8 +112,8 @@ def test_the_page_draws_what_the_api_computes(tab: Tab, run: Path) -> None:
     assert 0 < tab.evaluate("ldsim.bytes") <= 4096
 
 
-def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, run: Path, server: Server) -> None:
-    sim = load(run)
+def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, playable: Path, server: Server) -> None:
+    sim = load(playable)
     sim.gravity = (0, 0, 0)
     _, (x, y) = facing_vertex(tab, sim)
     to = (x - 30, y - 60)
@@ -140,8 +140,8 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, run: 
     tab.wait("ldsim.grabs === 0")
 
 
-def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, run: Path, server: Server) -> None:
-    _, at = facing_vertex(tab, load(run))
+def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, playable: Path, server: Server) -> None:
+    _, at = facing_vertex(tab, load(playable))
     to = (at[0], at[1] - 50)
     tab.mouse("mousePressed", at, shift=True)
     tab.mouse("mouseMoved", to, shift=True)
@@ -156,8 +156,8 @@ def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, 
     tab.wait("ldsim.grabs === 0")
 
 
-def test_a_finger_pulls_too(tab: Tab, run: Path) -> None:
-    _, (x, y) = facing_vertex(tab, load(run))
+def test_a_finger_pulls_too(tab: Tab, playable: Path) -> None:
+    _, (x, y) = facing_vertex(tab, load(playable))
     tab.touch("touchStart", [(x, y)])
     tab.touch("touchMove", [(x, y - 40)])
     tab.wait("ldsim.grabs === 1")
@@ -221,13 +221,13 @@ def test_the_page_says_what_is_missing_without_webgl(browser: Tab, url: str) -> 
         browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
 
 
-def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, run: Path) -> None:
+def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, playable: Path) -> None:
     for tab in opened(browser, url + "?decode=gpu"):
         assert tab.evaluate("ldsim.gpu") is True
         click(tab, "gravity")
         for _ in range(6):
             click(tab, "step")
-        sim = load(run)
+        sim = load(playable)
         sim.step(6)
         difference = f"Math.max(...ldsim.q(0).map((x, i) => Math.abs(x - {sim.coordinates.tolist()}[i])))"
         tab.wait(f"{difference} < 1e-6")

@@ -28,8 +28,8 @@ from tests.viewer.served import joined, origin, served
 
 
 @pytest.fixture(scope="module")
-def url(run: Path) -> Iterator[str]:
-    with served(play_server(run, ["latent"], 0, until_closed=False)) as address:
+def url(playable: Path) -> Iterator[str]:
+    with served(play_server(playable, ["latent"], 0, until_closed=False)) as address:
         yield address
 
 
@@ -136,8 +136,8 @@ def test_a_request_that_is_no_get_is_not_answered_with_the_page(url: str, method
         assert not raw.recv(100).startswith(b"HTTP/1.1 2")
 
 
-def test_what_is_decoded_from_the_blocks_is_the_surface_of_the_api(run: Path, url: str) -> None:
-    sim = load(run)
+def test_what_is_decoded_from_the_blocks_is_the_surface_of_the_api(playable: Path, url: str) -> None:
+    sim = load(playable)
     solid, space = block(fetch(url + "solid")), block(fetch(url + "space/latent"))
     np.testing.assert_array_equal(solid["triangles"], sim.surface.triangles)
     np.testing.assert_array_equal(solid["pinned"], sim.scene.pinned[sim.surface.vertices])
@@ -151,8 +151,8 @@ def test_what_is_decoded_from_the_blocks_is_the_surface_of_the_api(run: Path, ur
     np.testing.assert_allclose(points, moved[nodes].mean(axis=1), atol=1e-6)
 
 
-def test_a_frame_is_small_and_holds_what_the_api_says(run: Path, url: str) -> None:
-    sim = load(run)
+def test_a_frame_is_small_and_holds_what_the_api_says(playable: Path, url: str) -> None:
+    sim = load(playable)
     tip = sim.surface.rest[sim.surface.rest[:, 0].argmax()]
     target = (tip + [0, 0.05, 0]).tolist()
     with joined(url) as page:
@@ -223,10 +223,10 @@ def test_spaces_stand_side_by_side_and_each_has_its_block(url: str) -> None:
             pass
 
 
-def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(run: Path) -> None:
-    server = play_server(run, ["latent"], 0, until_closed=False)
+def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(playable: Path) -> None:
+    server = play_server(playable, ["latent"], 0, until_closed=False)
     with served(server) as url:
-        tip = load(run).surface.rest[-1].tolist()
+        tip = load(playable).surface.rest[-1].tolist()
         with joined(url) as page:
             page.send(json.dumps({"kind": "grab", "id": 1, "point": tip, "target": [0, 1, 0]}))
             while next_frame(page)[2] != 1:
@@ -246,8 +246,8 @@ def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(run: Path) -> Non
         assert session._number == number
 
 
-def test_a_server_until_closed_ends_by_itself(run: Path) -> None:
-    server = play_server(run, ["latent"], 0, until_closed=True)
+def test_a_server_until_closed_ends_by_itself(playable: Path) -> None:
+    server = play_server(playable, ["latent"], 0, until_closed=True)
     with served(server) as url:
         with joined(url) as page:
             next_frame(page)
@@ -257,8 +257,8 @@ def test_a_server_until_closed_ends_by_itself(run: Path) -> None:
             time.sleep(0.1)
 
 
-def test_a_port_in_use_is_told(run: Path, url: str) -> None:
+def test_a_port_in_use_is_told(playable: Path, url: str) -> None:
     port = urlsplit(url).port
-    server: Server = play_server(run, ["latent"], port or 0, until_closed=False)
+    server: Server = play_server(playable, ["latent"], port or 0, until_closed=False)
     with pytest.raises(ServerError, match=f"port {port}: it is in use; choose another with --port"), served(server):
         pass

@@ -13,8 +13,8 @@ from ldsim.viewer.session import Session, rounded_up
 from ldsim.viewer.state import Audience, Errors
 
 
-def session_of(run: Path, said: list[str]) -> Session:
-    session = Session(lambda space: load(run, space), ["latent", "linear", "full"], [load(run, "linear")])
+def session_of(playable: Path, said: list[str]) -> Session:
+    session = Session(lambda space: load(playable, space), ["latent", "linear", "full"], [load(playable, "linear")])
     session._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, said.append)
     return session
 
@@ -26,8 +26,8 @@ def pull(session: Session, simulator: Simulator) -> None:
     session.obey()
 
 
-def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(run: Path) -> None:
-    session = session_of(run, [])
+def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(playable: Path) -> None:
+    session = session_of(playable, [])
     (linear,) = session._shown
     pull(session, linear)
     for _ in range(6):
@@ -48,8 +48,8 @@ def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(run: Path) -> 
     assert not linear.grabs and not full.grabs
 
 
-def test_beside_the_full_space_the_error_is_told_now_and_so_far(run: Path) -> None:
-    linear, full = load(run, "linear"), load(run, "full")
+def test_beside_the_full_space_the_error_is_told_now_and_so_far(playable: Path) -> None:
+    linear, full = load(playable, "linear"), load(playable, "full")
     errors, off, moved = Errors(), [], []
     assert np.isnan(errors.of("linear")).all()
     for _ in range(4):
@@ -64,9 +64,9 @@ def test_beside_the_full_space_the_error_is_told_now_and_so_far(run: Path) -> No
     assert np.isnan(errors.of("linear")).all()
 
 
-def test_a_pull_at_a_pinned_place_is_told(run: Path) -> None:
+def test_a_pull_at_a_pinned_place_is_told(playable: Path) -> None:
     said: list[str] = []
-    session = session_of(run, said)
+    session = session_of(playable, said)
     scene = session._shown[0].scene
     point = tuple(scene.mesh.vertices[scene.pinned][0].tolist())
     session.tell(1, protocol.GrabMessage(id=1, point=point, target=point))
