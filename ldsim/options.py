@@ -76,20 +76,17 @@ class Options(BaseModel):
     def dump(self, defaults: bool = True) -> str:
         """As YAML, with the defaults or with what was given alone; the same text for the same values."""
         content = self.model_dump(mode="json", exclude_unset=not defaults)
-        text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
-        return text
+        return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:
     """A configuration as text, short sections on one line."""
-    text: str = yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
-    return text
+    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
 
 
 def of_yaml(text: str) -> dict[str, Any]:
     """What a dump says, unchecked."""
-    found: dict[str, Any] = yaml.safe_load(text) or {}
-    return found
+    return yaml.safe_load(text) or {}
 
 
 Given = TypeVar("Given", bound=Options)

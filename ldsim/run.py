@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import resource
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ldsim.arrays import Array
 from ldsim.artefacts.records import (
@@ -40,6 +41,7 @@ from ldsim.space.space import Space
 REDUCED = ("linear", "latent")
 SPACES = ("full", *REDUCED)
 AUTO = "auto"
+Content = TypeVar("Content")
 
 
 class Run:
@@ -143,8 +145,7 @@ class Run:
     @property
     def scene(self) -> Scene:
         """The solid."""
-        found: Scene = self._get("scene", read_scene)
-        return found
+        return self._get("scene", read_scene)
 
     @property
     def snapshots(self) -> Snapshots:
@@ -183,8 +184,7 @@ class Run:
     @property
     def pca(self) -> Pca:
         """The basis with its singular values and errors."""
-        found: Pca = self._get("basis", lambda path: read_basis(path, self.scene), "scene")
-        return found
+        return self._get("basis", lambda path: read_basis(path, self.scene), "scene")
 
     @property
     def basis(self) -> Basis:
@@ -194,22 +194,18 @@ class Run:
     @property
     def model(self) -> StoredModel:
         """The autoencoder and how it came about."""
-        found: StoredModel = self._get("model", read_model, "basis")
-        return found
+        return self._get("model", read_model, "basis")
 
     @property
     def cubature(self) -> dict[str, RulePath]:
         """The cubature rules of each reduced space."""
         read = partial(read_cubature, sizes={"s": self.scene.points.n_points})
-        found: dict[str, RulePath] = self._get("cubature", read, "scene", "basis", "model")
-        return found
+        return self._get("cubature", read, "scene", "basis", "model")
 
     @property
     def simulation(self) -> dict[str, dict[str, Trajectory]]:
         """Space → motion → what `ldsim simulate` ran."""
-        inputs = ("scene", "basis", "model", "cubature")
-        found: dict[str, dict[str, Trajectory]] = self._get("simulation", read_simulation, *inputs)
-        return found
+        return self._get("simulation", read_simulation, "scene", "basis", "model", "cubature")
 
     @property
     def fresh_errors(self) -> dict[str, Array]:
@@ -304,7 +300,7 @@ class Run:
             return FullStepper(space.scene, options, seconds=seconds)
         return ReducedStepper(space, ReducedOptions(tolerance=tolerance))
 
-    def _get(self, kind: str, read: Any, *inputs: str) -> Any:
+    def _get(self, kind: str, read: Callable[[Path], tuple[Content, Header]], *inputs: str) -> Content:
         """An artefact, read once; checked to be made from the small artefacts that lie beside it."""
         if kind not in self._read:
             self._read[kind] = read(self.path(kind))
@@ -313,7 +309,8 @@ class Run:
             except ArtefactError:
                 del self._read[kind]
                 raise
-        return self._read[kind][0]
+        found: Content = self._read[kind][0]
+        return found
 
 
 def linear_name(k: int, kp: int) -> str:

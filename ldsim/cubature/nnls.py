@@ -79,5 +79,4 @@ def losses_without(gram: Array, x: Array) -> Array:
 
 
 def _solve(gram: Array, right: Array) -> Array:
-    solution: Array = cho_solve(cho_factor(gram + RIDGE * len(gram) * np.eye(len(gram))), right)
-    return solution
+    return cho_solve(cho_factor(gram + RIDGE * len(gram) * np.eye(len(gram))), right)

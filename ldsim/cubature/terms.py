@@ -75,8 +75,7 @@ class LocalPoints:
 
     def fields(self, q: Array) -> Array:
         """U q at the vertices for a batch q, (T, k) → (T, v, 3)."""
-        fields: Array = (q @ self.nodal.reshape(-1, self.nodal.shape[2]).T).reshape(len(q), -1, 3)
-        return fields
+        return (q @ self.nodal.reshape(-1, self.nodal.shape[2]).T).reshape(len(q), -1, 3)
 
 
 class ForceTerm:
@@ -219,8 +218,7 @@ class TangentTerm:
         return self._forces.point_weights
 
     def columns(self, points: Indices) -> Array:
-        columns: Array = self._change @ self._forces.columns(points)
-        return columns
+        return self._change @ self._forces.columns(points)
 
     def correlations(self, residual: Array) -> Array:
         return self._forces.correlations(self._change.T @ residual)

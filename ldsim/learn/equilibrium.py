@@ -33,8 +33,7 @@ class Poses:
 
 def spread_numbers(total: int, count: int) -> Indices:
     """At most `count` of the numbers below `total`, evenly spread, rising."""
-    found: Indices = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(np.int64))
-    return found
+    return np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(np.int64))
 
 
 def pose_forces(scene: Scene, basis: Basis, poses: Poses, count: int, tell: Callable[[], object]) -> PoseForces:

@@ -76,8 +76,7 @@ class LinearResponse:
             v0=np.random.default_rng(0).normal(size=size),
             return_eigenvectors=False,
         )
-        found: Array = np.sqrt(np.sort(squares)[:count]) / (2 * math.pi)
-        return found
+        return np.sqrt(np.sort(squares)[:count]) / (2 * math.pi)
 
     def load_factor(self, force: Array) -> float:
         """How many times a dead load (n, 3), N, must act until the solid buckles; infinite where it never does.

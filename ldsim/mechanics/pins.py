@@ -28,8 +28,7 @@ class MovedPins(NamedTuple):
     def displacement(self, rest: Array) -> Array:
         """A X + b − X of these vertices, (v, 3) metres, from the rest positions of all, (n, 3)."""
         X = rest[self.vertices]
-        u: Array = X @ self.map[:, :3].T + self.map[:, 3] - X
-        return u
+        return X @ self.map[:, :3].T + self.map[:, 3] - X
 
 
 def pinned_vertices(mesh: Mesh, regions: Sequence[Region]) -> NDArray[np.bool_]:

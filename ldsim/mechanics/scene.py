@@ -106,8 +106,7 @@ class Scene:
     @cached_property
     def vertex_mass(self) -> Array:
         """Row sums of the mass matrix, (n,) float64, kg; zero where pinned."""
-        mass: Array = np.where(self.pinned, 0.0, self.mass.sum(axis=1))
-        return mass
+        return np.where(self.pinned, 0.0, self.mass.sum(axis=1))
 
     @cached_property
     def external_force(self) -> Array:

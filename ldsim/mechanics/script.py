@@ -52,14 +52,12 @@ class Path:
         share = np.clip((times - self.times[i]) / (self.times[i + 1] - self.times[i]), 0, 1)
         if self.eased:
             share = share * share * (3 - 2 * share)
-        values: Array = self.values[i] + share[:, None] * (self.values[i + 1] - self.values[i])
-        return values
+        return self.values[i] + share[:, None] * (self.values[i + 1] - self.values[i])
 
 
 def frame_times(frames: int, time_step: float) -> Array:
     """(i + 1) h of each frame, s."""
-    times: Array = time_step * np.arange(1, frames + 1, dtype=np.float64)
-    return times
+    return time_step * np.arange(1, frames + 1, dtype=np.float64)
 
 
 def frames_until(time: float, time_step: float) -> int:

@@ -188,5 +188,4 @@ def components(mesh: Mesh) -> NDArray[np.int32]:
     first = np.repeat(mesh.cells[:, :1], mesh.cells.shape[1] - 1, axis=1).ravel()
     other = mesh.cells[:, 1:].ravel()
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, other)), shape=(mesh.n_vertices,) * 2)
-    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1].astype(np.int32)
-    return labels
+    return connected_components(graph, directed=False)[1].astype(np.int32)

@@ -189,8 +189,7 @@ def _lies_in(part: Triangles, other: Triangles) -> bool:
 
 def _half_edges(surface: Triangles) -> Indices:
     """The directed edges of all triangles, (3f, 2): first those from corner 0 to 1, then 1 to 2, then 2 to 0."""
-    edges: Indices = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
-    return edges
+    return np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
 
 
 def _neighbours(surface: Triangles) -> tuple[Indices, Indices, NDArray[np.bool_]]:
@@ -207,8 +206,7 @@ def _neighbours(surface: Triangles) -> tuple[Indices, Indices, NDArray[np.bool_]
 def _components(count: int, pairs: Indices) -> Indices:
     """The connected component of each of `count` nodes, numbered from 0."""
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    labels: Indices = connected_components(graph, directed=False)[1].astype(np.int64)
-    return labels
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _turned_over(faces: Indices, turn: NDArray[np.bool_]) -> Indices:

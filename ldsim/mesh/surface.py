@@ -26,8 +26,7 @@ def boundary_faces(mesh: Mesh) -> NDArray[np.int32]:
     shared = np.zeros(len(faces), dtype=bool)
     shared[order[1:]] |= same
     shared[order[:-1]] |= same
-    boundary: NDArray[np.int32] = faces[~shared]
-    return boundary
+    return faces[~shared]
 
 
 def surface_triangles(mesh: Mesh) -> NDArray[np.int32]:

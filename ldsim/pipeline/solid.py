@@ -119,8 +119,7 @@ def _grip(scene: Scene, response: LinearResponse, point: int, radius: float) -> 
 def moved_by(solid: Solid, pulls: PullOptions) -> Array:
     """How far the longest of some pulls takes the solid where it holds it, in the softest direction, (p,) metres."""
     series = pulls.stiffness * solid.softness
-    moved: Array = pulls.reach * series / (1 + series)
-    return moved
+    return pulls.reach * series / (1 + series)
 
 
 def solid_lines(scene: Scene, options: SnapshotOptions) -> list[str]:

@@ -164,8 +164,7 @@ def _visible_back_to_front(view: View, screen: Array, triangles: Triangles) -> N
     first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     front = np.flatnonzero(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0)
     distance = depths(view, screen)[triangles[front]].mean(axis=1)
-    order: NDArray[np.intp] = front[np.argsort(-distance, kind="stable")]
-    return order
+    return front[np.argsort(-distance, kind="stable")]
 
 
 def _light(corners: Array) -> Array:

@@ -45,8 +45,7 @@ def moving_picture(run: Run) -> Picture | None:
     rest, h = run.scene.mesh.vertices @ turn.T, run.scene.time_step
 
     def positions(space: str) -> Array:
-        moved: Array = rest + displacements(run, space, motion)(frames, slice(None)) @ turn.T
-        return moved
+        return rest + displacements(run, space, motion)(frames, slice(None)) @ turn.T
 
     full = positions("full")
     sequences = [(title(run, "full"), full)]

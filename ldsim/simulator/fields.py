@@ -59,5 +59,4 @@ class VertexField:
         energy_and_stress(self._elements, self._points, u, values)
         at_points = material_scale * values[FIELDS.index(field)]
         summed = np.bincount(self._nodes.clip(0).ravel(), (self._share * at_points[:, None]).ravel(), len(self._total))
-        mean: Array = summed / self._total
-        return mean
+        return summed / self._total

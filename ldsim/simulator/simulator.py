@@ -69,8 +69,7 @@ class Handle:
     def force(self) -> Array:
         """What it pulls with now, (3,) float64, N."""
         grab = self.grab
-        pull: Array = grab.stiffness * (grab.target - self.centroid)
-        return pull
+        return grab.stiffness * (grab.target - self.centroid)
 
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
@@ -301,8 +300,7 @@ class Simulator:
     def velocity(self, vertices: Indices | slice = slice(None)) -> Array:
         """What the displacement changed by in the last step over its time, (v, 3) float64, m/s; 0 at rest."""
         before = self._stepper.displacement(self._before)[vertices]
-        speed: Array = (self.displacement(vertices) - before) / self.scene.time_step
-        return speed
+        return (self.displacement(vertices) - before) / self.scene.time_step
 
     @property
     def centre_of_mass(self) -> Array:

@@ -51,14 +51,12 @@ class Basis:
 
     def project(self, u: NDArray[np.floating]) -> Array:
         """q = Uᵀ M u of rows of displacements, (b, 3n) or (b, n, 3), metres; (b, k) float64."""
-        q: Array = weighted(self.metric, u.reshape(len(u), -1)) @ self.matrix
-        return q
+        return weighted(self.metric, u.reshape(len(u), -1)) @ self.matrix
 
     def displacement(self, q: Array) -> Array:
         """u = U q of coordinates (k,), (n, 3), or of rows of them (b, k), (b, n, 3); float64, metres."""
         if q.ndim == 1:
-            u: Array = self.fields @ q
-            return u
+            return self.fields @ q
         return (q @ self.matrix.T).reshape(len(q), -1, 3)
 
 

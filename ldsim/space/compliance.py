@@ -85,8 +85,7 @@ class Compliance:
             weights = self.relaxation.residual(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
             fields = self.relaxation.residual(dead), weights.transpose(1, 2, 0)
             self._sags = self._softness * fields[0], self._softness * fields[1]
-        moved: Array = self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
-        return moved
+        return self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
 
     def stiffness(self, grabs: Sequence[Grab]) -> Array:
         """(diag(1/k) + B C Bᵀ)⁻¹ of some grabs together, (3g, 3g), N/m."""

@@ -54,8 +54,7 @@ class Novelty:
 
     def __call__(self, z: Array) -> Array:
         """Scores of codes (N, r); (N,) float64, NaN where a code is not finite."""
-        scores: Array = np.array([distance(self.landmarks, row) for row in np.ascontiguousarray(z)]) / self.reach
-        return scores
+        return np.array([distance(self.landmarks, row) for row in np.ascontiguousarray(z)]) / self.reach
 
 
 def remembered(scores: Array, time_step: float) -> Array:
@@ -68,8 +67,7 @@ def remembered(scores: Array, time_step: float) -> Array:
         scores: of each step, (N,), finite. time_step: seconds.
     """
     share = -math.expm1(-time_step / MEMORY)
-    memory: Array = lfilter([share], [1.0, share - 1.0], scores)
-    return memory
+    return lfilter([share], [1.0, share - 1.0], scores)
 
 
 @njit(cache=True, nogil=True)

@@ -83,8 +83,7 @@ def _symmetric(rows: list[Array]) -> Array:
         gram[start : start + len(row), : row.shape[1]] = row
         start += len(row)
     lower = np.tril(gram)
-    symmetric: Array = lower + np.tril(lower, -1).T
-    return symmetric
+    return lower + np.tril(lower, -1).T
 
 
 def _for_products(metric: csr_array, chunk: NDArray[np.float32], products: type[np.floating]) -> NDArray[np.floating]:
@@ -178,8 +177,7 @@ def orthonormalised(U: Array, metric: csr_array) -> Basis:
 def orthonormal_rows(rows: Array, metric: csr_array) -> Array:
     """Cholesky QR of modes (k, 3n) that are rows, each in one piece of memory."""
     factor = np.linalg.cholesky(weighted(metric, rows) @ rows.T)
-    orthonormal: Array = solve_triangular(factor, np.eye(len(rows)), lower=True) @ rows
-    return orthonormal
+    return solve_triangular(factor, np.eye(len(rows)), lower=True) @ rows
 
 
 @njit(cache=True, nogil=True)

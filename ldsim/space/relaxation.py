@@ -100,8 +100,7 @@ class Relaxation:
 
     def encode(self, u: NDArray[np.floating]) -> Array:
         """z = W u of displacements (b, n, 3), metres; (b, r)."""
-        z: Array = u.reshape(len(u), -1) @ self.rows.T
-        return z
+        return u.reshape(len(u), -1) @ self.rows.T
 
     def __call__(self, z: Array, start: Relaxed | None = None) -> Relaxed:
         """The relaxed pose at z, (r,), found by following the solid from another relaxed pose, or from rest.
