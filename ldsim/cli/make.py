@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import config_argument, runs_option
-from ldsim.cli.parameters import Percent
+from ldsim.cli.app import Percent, on_configuration
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
@@ -16,9 +15,7 @@ from ldsim.settings.enrich import current, enrich
 from ldsim.settings.make import MISSED, StageFailed, Staleness, made_by, make
 
 
-@click.command("make", help="Run what is missing or stale of a configuration, from the mesh to the report.")
-@config_argument
-@runs_option
+@on_configuration("make", "Run what is missing or stale of a configuration, from the mesh to the report.")
 @click.option("--until", type=click.Choice(STAGES), default=STAGES[-1], show_default=True, help="The last stage.")
 @click.option("--error", type=Percent(), metavar="PERCENT", help="Learn until it is held; status 3 where it is not.")
 @click.option("--minutes", type=click.FloatRange(min=0), default=20.0, show_default=True, help="Begin no round later.")

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import config_argument, runs_option
+from ldsim.cli.app import on_configuration
 from ldsim.pipeline.solid import solid_of
 from ldsim.run import Run
 from ldsim.settings import load_settings
 
 
-@click.command("settings", help="Check a configuration and print it with defaults.")
-@config_argument
-@runs_option
+@on_configuration("settings", "Check a configuration and print it with defaults.")
 def command(config: Path, runs: Path) -> None:
     settings = load_settings(config)
     click.echo(settings.dump(), nl=False)

@@ -13,7 +13,7 @@ from typing import Any, Literal, Never, TypeVar, get_args, get_origin
 import click
 from tqdm import tqdm
 
-from ldsim.cli.app import config_argument, runs_option
+from ldsim.cli.app import on_configuration
 from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
@@ -112,9 +112,7 @@ def stage_command(
     """Make a click command of a function that takes the call, and the options that this stage alone has by name."""
 
     def wrap(function: Callable[..., None]) -> click.Command:
-        @click.command(name, help=description)
-        @config_argument
-        @runs_option
+        @on_configuration(name, description)
         def command(config: Path, runs: Path, **values: object) -> None:
             settings = load_settings(config)
             with Run(runs / settings.experiment, settings.experiment) as run:
