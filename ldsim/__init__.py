@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 
 # Imported when they are first asked for, so that `import ldsim` is instant; `__init__.pyi` tells type checkers.
 HOMES = {
+    "BatchedSimulator": "ldsim.runtime.batch",
     "Run": "ldsim.run",
     "Simulator": "ldsim.simulator",
     "load": "ldsim.simulator",

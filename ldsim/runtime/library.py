@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import platform
+import shutil
+import tempfile
 from collections.abc import Sequence
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint32, c_void_p
 from pathlib import Path
@@ -13,8 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
+from ldsim.jit import kernel_cache
 from ldsim.optimise.solution import Reason
-from ldsim.runtime.compilers import shared_library
+from ldsim.runtime import source
+from ldsim.runtime.compilers import compiler, shared_library
 
 SOURCES = ("ldsim.c", "ldsim.h")
 
@@ -25,7 +31,7 @@ class _Info(ctypes.Structure):
     _fields_ += [(name, c_double) for name in ("diagonal", "stiffness", "radius")]
 
 
-class _Record(ctypes.Structure):
+class Record(ctypes.Structure):
     _fields_ = [(name, c_int) for name in ("iterations", "evaluations", "reason", "outcome")]
     _fields_ += [("energy", c_double), ("gradient_norm", c_double)]
 
@@ -51,7 +57,8 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "set_gravity": (c_int, [c_void_p, NUMBERS]),
     "set_stiffness": (c_int, [c_void_p, c_double]),
     "move_pins": (c_int, [c_void_p, c_uint32, NUMBERS]),
-    "step": (c_int, [c_void_p, POINTER(_Record)]),
+    "step": (c_int, [c_void_p, POINTER(Record)]),
+    "step_many": (c_int, [c_void_p, c_uint32, c_uint32, c_void_p]),
     "displacements": (None, [c_void_p, NUMBERS]),
     "displacement": (c_int, [c_void_p, VERTICES, c_uint32, NUMBERS]),
     "coordinates": (POINTER(c_double), [c_void_p]),
@@ -61,6 +68,9 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "restore": (c_int, [c_void_p, c_char_p, c_size_t]),
 }
 
+# What these return is an outcome, and no code.
+STEPS = ("step", "step_many")
+
 
 def build(folder: Path, flags: Sequence[str] = ()) -> Path:
     """Compile the library into a folder, by this machine's compiler; returns the shared library.
@@ -69,6 +79,35 @@ def build(folder: Path, flags: Sequence[str] = ()) -> Path:
         SolverError: there is no compiler, or it fails.
     """
     return shared_library(folder, SOURCES, "libldsim", flags=flags)
+
+
+def local_library() -> Library:
+    """The library for this very machine, compiled when it is first asked for and kept beside the compiled kernels.
+
+    Raises:
+        SolverError: there is no compiler, or it fails.
+    """
+    flags = () if compiler() is None else ("-march=native",)  # zig has its own words for that
+    known = "".join([*map(source, SOURCES), str(compiler()), *flags, _processor()])
+    folder = kernel_cache() / f"library-{hashlib.sha256(known.encode()).hexdigest()[:16]}"
+    if not folder.is_dir():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=folder.parent))
+        build(scratch, flags)
+        try:
+            scratch.rename(folder)
+        except OSError:  # another process was faster
+            shutil.rmtree(scratch)
+    return Library(next(folder.glob("libldsim.*")))
+
+
+def _processor() -> str:
+    """What tells processors apart that do not run each other's code."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), "")
 
 
 class Library:
@@ -83,7 +122,7 @@ class Library:
     def __call__(self, name: str, *arguments: Any) -> Any:
         """Call ldsim_name; a code that is not LDSIM_OK is raised in words, but a step's, which is its outcome."""
         found = getattr(self.functions, f"ldsim_{name}")(*arguments)
-        if SIGNATURES[name][0] is c_int and name != "step" and found:
+        if SIGNATURES[name][0] is c_int and name not in STEPS and found:
             raise SolverError(self.functions.ldsim_message(found).decode())
         return found
 
@@ -109,14 +148,14 @@ class NativeSolid:
     """
 
     def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
-        self.model, self._pointer, self._record = model, c_void_p(), _Record()
-        self._call("create", model.pointer, max_grabs, byref(self._pointer), solid=False)
+        self.model, self.pointer, self._record = model, c_void_p(), Record()
+        self._call("create", model.pointer, max_grabs, byref(self.pointer), solid=False)
 
     def __del__(self) -> None:
         self._call("destroy")
 
     def _call(self, name: str, *arguments: Any, solid: bool = True) -> Any:
-        return self.model.library(name, *((self._pointer,) if solid else ()), *arguments)
+        return self.model.library(name, *((self.pointer,) if solid else ()), *arguments)
 
     def grab(
         self, point: ArrayLike, target: ArrayLike, stiffness: float | None = None, radius: float | None = None

@@ -11,6 +11,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ from ldsim.arrays import Array
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads, MotionLoads
+from ldsim.mechanics.random_pulls import spread_points
 from ldsim.run import REDUCED, Run
+from ldsim.runtime.batch import BatchedSimulator
 from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
@@ -27,7 +30,10 @@ from reproduction.bench.follower import Follower
 from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "runtime"
-REPEATS = 7
+REPEATS = 5
+INSTANCES = 64
+# Of each motion, for time.
+FRAMES = 600
 
 
 def timed(step: Callable[[Loads], object], acting: list[Loads]) -> Array:
@@ -65,27 +71,73 @@ def numba(space: Space) -> Callable[[Loads], object]:
 
 def measure(run: Run, name: str, library: Library) -> list[Row]:
     """The rows of one space."""
-    space, rows = run.space(name), []
+    space, loaded = run.space(name), []
+    if space.compliance is not None:
+        space = replace(space, compliance=space.compliance.anchored())
     data = model_bytes(space)
-    started = time.perf_counter()
-    model = NativeModel(library, data)
-    rows.append(row(run.experiment, f"{name}: load", 1e3 * (time.perf_counter() - started), "ms", "<= 20"))
+    for _ in range(REPEATS):
+        started = time.perf_counter()
+        model = NativeModel(library, data)
+        loaded.append(1e3 * (time.perf_counter() - started))
+    rows = [row(run.experiment, f"{name}: load", min(loaded), "ms", "<= 20")]
     rows.append(row(run.experiment, f"{name}: model", len(data) / 1e6, "MB"))
+    rows.append(row(run.experiment, f"{name}: grab", 1e3 * grab_seconds(run, model), "ms", "<= 1"))
     for motion in run.motions:
-        recorded = run.recorded(motion)
-        loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
-        acting = [loads.at(frame) for frame in range(recorded.motion.frames)]
-        seconds = {side: np.full(len(acting), np.inf) for side in ("numba", "C from Python", "C")}
+        rows += steps_of(run, motion, space, model)
+    for threads in (1, 2):
+        rows.append(
+            row(run.experiment, f"{name}: {INSTANCES} instances, {threads} threads", rate(run, model, threads), "1/s")
+        )
+    return rows
+
+
+def grab_seconds(run: Run, model: NativeModel) -> float:
+    """The median of taking hold of points spread over the surface, each the least of several times."""
+    seconds = []
+    for vertex in spread_points(run.scene, 20).tolist():
+        point, tries = run.scene.mesh.vertices[vertex], []
         for _ in range(REPEATS):
-            found = timed(numba(space), acting), timed(Follower(NativeSolid(model), space).step, acting)
-            for side, each in zip(
-                seconds, (*found, timed_alone(Follower(NativeSolid(model), space), acting)), strict=True
-            ):
-                seconds[side] = np.fmin(seconds[side], each)
-        for side, least in seconds.items():
-            for share in (50, 95, 99):
-                what = f"{name}, {motion}: step in {side}, {share} %"
-                rows.append(row(run.experiment, what, 1e6 * float(np.percentile(least, share)), "µs"))
+            solid = NativeSolid(model)
+            started = time.perf_counter()
+            solid.grab(point, point)
+            tries.append(time.perf_counter() - started)
+        seconds.append(min(tries))
+    return float(np.median(seconds))
+
+
+def rate(run: Run, model: NativeModel, threads: int) -> float:
+    """Steps a second of many instances, each pulled elsewhere and to a target of its own; the best of several times."""
+    rng, x = np.random.default_rng(0), run.scene.mesh.vertices
+    points = x[spread_points(run.scene, INSTANCES)]
+    batch, best = BatchedSimulator(model, INSTANCES, threads), 0.0
+    batch.grab(points, points + 0.1 * run.scene.mesh.diagonal * rng.normal(size=points.shape))
+    for _ in range(REPEATS):
+        started = time.perf_counter()
+        batch.step(50)
+        best = max(best, 50 * INSTANCES / (time.perf_counter() - started))
+    return best
+
+
+def steps_of(run: Run, motion: str, space: Space, model: NativeModel) -> list[Row]:
+    """What the steps of a motion take on each side."""
+    recorded = run.recorded(motion)
+    loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
+    acting = [loads.at(frame) for frame in range(min(recorded.motion.frames, FRAMES))]
+    seconds = {side: np.full(len(acting), np.inf) for side in ("numba", "C from Python", "C")}
+    for _ in range(REPEATS):
+        follower, alone = (Follower(NativeSolid(model), space) for _ in range(2))
+        found = timed(numba(space), acting), timed(follower.step, acting), timed_alone(alone, acting)
+        for side, each in zip(seconds, found, strict=True):
+            seconds[side] = np.fmin(seconds[side], each)
+    counted = Follower(NativeSolid(model), space)
+    iterations = [counted.step(each) for each in acting]
+    what = f"{space.name}, {motion}: "
+    rows = [row(run.experiment, what + "iterations a step", float(np.mean(iterations)), "")]
+    for side, least in seconds.items():
+        for share in (50, 95, 99):
+            rows.append(
+                row(run.experiment, what + f"step in {side}, {share} %", 1e6 * float(np.percentile(least, share)), "µs")
+            )
     return rows
 
 

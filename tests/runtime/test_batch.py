@@ -1,0 +1,68 @@
+"""Many instances at once are the same instances one by one, whatever the threads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldsim.errors import SolverError
+from ldsim.runtime.batch import BatchedSimulator
+from ldsim.runtime.library import Library, NativeModel, NativeSolid, local_library
+from ldsim.runtime.model_file import model_bytes
+from tests.report.small_run import write_run
+from tests.runtime.problems import latent
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_instances_step_to_the_last_bit_as_one_by_one(library: Library, threads: int) -> None:
+    space = latent()
+    model = NativeModel(library, model_bytes(space))
+    x = space.scene.mesh.vertices
+    tip, size = x[x[:, 0].argmax()], space.scene.mesh.diagonal
+    targets = tip + 0.2 * size * np.random.default_rng(0).normal(size=(7, 3))
+    gravity = np.random.default_rng(1).normal(size=(7, 3))
+    batch, alone = BatchedSimulator(model, 7, threads), [NativeSolid(model) for _ in targets]
+    grabs = batch.grab(tip, targets, 50.0)
+    batch.set_gravity(gravity)
+    assert batch.step(6).tolist() == [0] * 7
+    batch.move(grabs, tip)
+    batch.step(2)
+    batch.release(grabs)
+    batch.step()
+    for solid, target, own in zip(alone, targets, gravity, strict=True):
+        grab = solid.grab(tip, target, 50.0)
+        solid.set_gravity(own)
+        for step in range(9):
+            if step == 6:
+                solid.move(grab, tip)
+            if step == 8:
+                solid.release(grab)
+            solid.step()
+    np.testing.assert_array_equal(batch.z, [solid.z for solid in alone])
+    some = np.array([3, 1])
+    np.testing.assert_array_equal(batch.displacement(some), batch.displacement()[:, some])
+    assert np.ptp(batch.z, axis=0).max() > 0
+    batch.reset()
+    assert not batch.z.any()
+
+
+def test_a_run_and_the_file_that_was_exported_from_it_are_loaded_in_a_line(tmp_path: Path, library: Library) -> None:
+    write_run(tmp_path)
+    batch = BatchedSimulator.load(tmp_path, 4, "latent")
+    batch.step(3)
+    assert len(batch) == 4 and batch.z.any()
+    with pytest.raises(SolverError, match="this is no model of ldsim"):
+        BatchedSimulator.load(tmp_path / "scene.h5", 4)
+    with pytest.raises(SolverError, match="0 instances on 2 threads"):
+        BatchedSimulator(batch.model, 0, 2)
+
+
+def test_the_library_is_compiled_once_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cc: str) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    local_library()
+    (made,) = tmp_path.rglob("libldsim.so")
+    when = made.stat().st_mtime_ns
+    local_library()
+    assert [(file, file.stat().st_mtime_ns) for file in tmp_path.rglob("libldsim.so")] == [(made, when)]
