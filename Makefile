@@ -27,7 +27,7 @@ STAGES := mesh snapshot pca train cubature simulate report
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test bounds lint site clean help
+.PHONY: $(STAGES) demo paper settings test bounds lint pictures site clean help
 
 # What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
 $(STAGES): $(ENVIRONMENT)
@@ -42,12 +42,12 @@ cubature: ## stage 5: choose the cubature points
 simulate: ## stage 6: run the motions in the reduced spaces and compare
 report: ## stage 7 and the default: write the report
 
-$(ENVIRONMENT): pyproject.toml
+$(ENVIRONMENT): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
-	@echo "installing the packages of pyproject.toml into $(VENV), some minutes and about 1.5 GB"
+	@echo "installing the packages of requirements.lock into $(VENV), some minutes and about 1.5 GB"
 	$(VENV)/bin/python -m pip install --quiet $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
-	    $(shell sed -n 's/^ *"\(torch==[^"]*\)".*/\1/p' pyproject.toml)
-	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
+	    $(shell grep ^torch== requirements.lock)
+	$(VENV)/bin/python -m pip install --quiet --constraint requirements.lock --editable '.[dev]'
 	@touch $@
 
 demo: ## the embedded demo through all stages
@@ -70,8 +70,13 @@ lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 
+pictures: $(ENVIRONMENT) ## every picture of README and the guide anew, from runs/demo and runs/ci; needs chromium
+	@$(MAKE) --no-print-directory EXPERIMENT=demo report
+	@$(MAKE) --no-print-directory EXPERIMENT=ci report
+	$(VENV)/bin/python -m reproduction.pictures --runs $(RUNS)
+	$(VENV)/bin/python docs/generate.py
+
 site: $(ENVIRONMENT) ## the documentation as a site with search, in build/site
-	$(VENV)/bin/python -m pip install --quiet --editable '.[docs]'
 	$(VENV)/bin/python -m mkdocs build --strict
 
 clean: ## remove the files of the experiment

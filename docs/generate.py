@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not installed
 
 HERE = Path(__file__).parent / "reference"
+CONFIGS = Path(__file__).parent.parent / "configs"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
 Node = Mapping[str, Any]
 
@@ -97,6 +98,14 @@ PYTHON_INTRODUCTION = """# Python
 it in use, [stages from Python](../guide/python.md) the pipeline.
 """
 
+GALLERY_INTRODUCTION = """# Gallery
+
+Every configuration that ships with the project: at rest, and where its first motion moves it most. To run all stages of
+one, `make EXPERIMENT=NAME`; then `ldsim play runs/NAME` lets you pull at it. `make pictures` makes the pictures anew.
+
+<!-- live -->
+"""
+
 HEADER_MEANINGS = {
     "kind": "one of " + ", ".join(f"`{kind}`" for kind in SCHEMAS),
     "schema_version": "version of this page's tables",
@@ -145,6 +154,7 @@ def pages() -> dict[Path, str]:
         HERE / "commands.md": commands_page(),
         HERE / "report.md": report_page(),
         HERE / "python.md": python_page(),
+        HERE.parent / "gallery.md": gallery_page(),
     }
 
 
@@ -163,6 +173,20 @@ def commands_page() -> str:
             help_option_names=["-h", "--help"],
         )
         text += f"\n## ldsim {name}\n\n```text\n{command.get_help(context).rstrip()}\n```\n"
+    return text
+
+
+def gallery_page() -> str:
+    """Every configuration by its first comment, with its picture."""
+    text = MADE.format(source="the first lines of configs/*.yaml") + GALLERY_INTRODUCTION
+    for config in sorted(CONFIGS.glob("*.yaml")):
+        content, picture = config.read_text(encoding="utf-8"), f"example_{config.stem}.webp"
+        about = content.partition("\n")[0].removeprefix("# ")
+        text += f"\n## {config.stem}\n\n{about}\n\n"
+        if "LDSIM_DATA" in content:
+            text += "Its mesh and recordings are those of the paper, which are not part of this project.\n"
+        else:
+            text += f"![{config.stem} at rest and moved](pictures/{picture})\n"
     return text
 
 

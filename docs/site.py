@@ -1,4 +1,4 @@
-"""What mkdocs does not do by itself: the pages at the project's root are pages of the site too."""
+"""What mkdocs does not do by itself: the pages at the project's root are pages of the site too, and the demo is one."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parent.parent
 FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+LIVE = ROOT / "runs" / "demo" / "export" / "demo.html"
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of the root."""
+    """Add the pages of the root, and the one that `ldsim export runs/demo --playground` has made, where it is there."""
     for name in FROM_ROOT:
         files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
+    if LIVE.is_file():
+        files.append(File.generated(config, "live/demo.html", abs_src_path=str(LIVE)))
     return files
 
 
@@ -35,4 +38,5 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         up = "../" * page.file.src_uri.count("/")
         return f"[{found[1]}]({up}{place.as_posix()}{'#' if anchor else ''}{anchor})"
 
-    return LINK.sub(moved, markdown.replace("](docs/pictures/", "](pictures/"))
+    live = "**[Pull at the demo](live/demo.html)**: this page simulates by itself." if LIVE.is_file() else ""
+    return LINK.sub(moved, markdown.replace("](docs/pictures/", "](pictures/")).replace("<!-- live -->", live)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -16,8 +17,8 @@ from ldsim.export.fmu import write_fmu
 from ldsim.export.gltf import write_glb
 from ldsim.export.onnx import write_onnx
 from ldsim.export.paraview import write_vtu_series, write_xdmf
-from ldsim.export.pictures import MP4, WEBM, write_video, write_webp
-from ldsim.export.playback import Playback, playback
+from ldsim.export.pictures import MP4, WEBM, PictureLook, write_video, write_webp
+from ldsim.export.playback import playback
 from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
@@ -28,10 +29,16 @@ from ldsim.space.space import Space
 
 @dataclass(frozen=True)
 class Extra:
-    """An optional dependency: what is imported, and what installs it."""
+    """An optional dependency: what is imported, what installs it, and a program of the system that does as well."""
 
     module: str
     install: str
+    program: str = ""
+
+    @property
+    def missing(self) -> bool:
+        there = importlib.util.find_spec(self.module) is not None
+        return not there and not (self.program and shutil.which(self.program))
 
 
 @dataclass(frozen=True)
@@ -43,17 +50,19 @@ class Format:
         suffix: of the file; empty for a folder of files.
         motion, model, space: the writer; one of them is given, by what it writes: a motion, all reduced spaces, or one.
         extra: the package that it needs beyond the installed ones.
+        drawn: whether it is made of pictures, whose look can be chosen.
     """
 
     meaning: str
     suffix: str = ""
-    motion: Callable[[Playback, Path], None] | None = None
+    motion: Callable[..., None] | None = None
     model: Callable[[Run, Path], None] | None = None
     space: Callable[[Space, Path], None] | None = None
     extra: Extra | None = None
+    drawn: bool = False
 
 
-VIDEO = Extra("imageio_ffmpeg", "pip install 'ldsim[video]'")
+VIDEO = Extra("imageio_ffmpeg", "pip install 'ldsim[video]', or install ffmpeg", "ffmpeg")
 ONNX = Extra("onnx", "pip install 'ldsim[onnx]'")
 FORMATS: dict[str, Format] = {
     "vtk": Format("one .vtu a frame and a .pvd with their times, for ParaView", motion=write_vtu_series),
@@ -62,9 +71,9 @@ FORMATS: dict[str, Format] = {
     "usd": Format("USD with blend shapes", ".usdc", motion=write_usd, extra=Extra("pxr", "pip install 'ldsim[usd]'")),
     "obj": Format("the surface, one .obj a frame", motion=partial(write_surfaces, suffix="obj")),
     "ply": Format("the surface, one binary .ply a frame", motion=partial(write_surfaces, suffix="ply", binary=True)),
-    "webp": Format("an animated picture", ".webp", motion=write_webp),
-    "mp4": Format("a video", ".mp4", motion=partial(write_video, codec=MP4), extra=VIDEO),
-    "webm": Format("a video", ".webm", motion=partial(write_video, codec=WEBM), extra=VIDEO),
+    "webp": Format("an animated picture", ".webp", motion=write_webp, drawn=True),
+    "mp4": Format("a video", ".mp4", motion=partial(write_video, codec=MP4), extra=VIDEO, drawn=True),
+    "webm": Format("a video", ".webm", motion=partial(write_video, codec=WEBM), extra=VIDEO, drawn=True),
     "npz": Format("the reduced model as NumPy arrays", ".npz", model=write_npz),
     "safetensors": Format("the reduced model as safetensors", ".safetensors", model=write_safetensors),
     "onnx": Format("the decoder and the encoder as networks", model=write_onnx, extra=ONNX),
@@ -84,6 +93,14 @@ class Choice:
     space: str = AUTO
     every: int = 1
     platforms: tuple[str, ...] = ()
+    fps: float | None = None
+    size: tuple[int, int] | None = None
+    view: tuple[float, float] | None = None
+
+    @property
+    def look(self) -> PictureLook:
+        """Of pictures."""
+        return PictureLook(self.fps, self.size, self.view)
 
 
 # What `Choice.platforms` are for: formats that hold compiled code.
@@ -103,13 +120,16 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
     if choice.format not in FORMATS:
         raise ExportError(f"unknown format {choice.format!r}; known are {', '.join(FORMATS)}")
     wanted = FORMATS[choice.format]
-    if wanted.extra is not None and importlib.util.find_spec(wanted.extra.module) is None:
+    if wanted.extra is not None and wanted.extra.missing:
         raise ExportError(
             f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
             f"run {wanted.extra.install}"
         )
     if choice.platforms and choice.format not in COMPILED:
         raise ExportError(f"{choice.format} holds no compiled code; --platform is for {' and '.join(COMPILED)}")
+    if choice.look != PictureLook() and not wanted.drawn:
+        drawn = ", ".join(name for name, entry in FORMATS.items() if entry.drawn)
+        raise ExportError(f"{choice.format} is no picture; --fps, --size and --view are for {drawn}")
     write: Callable[[Path], None]
     if wanted.model is not None:
         write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
@@ -127,6 +147,7 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
         played = playback(run, choice.motion, choice.space).thinned(choice.every)
         lost = f", {played.lost} left out because the run diverged" if played.lost else ""
         write, title = partial(wanted.motion, played), played.title
+        write = partial(write, look=choice.look) if wanted.drawn else write
         what = f"{played.frames} frames of {played.motion} in the {played.space} space{lost}"
     path = _output(run, wanted, f"{title}{wanted.suffix or '-' + choice.format}", output)
     with replacing(path) if wanted.suffix else replacing_folder(path) as temporary:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -9,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ldsim.errors import ExportError
 from ldsim.export.playback import Playback
 from ldsim.mesh.surface import surface_triangles
-from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import Picture, moving_pictures, on_white, webp
+from ldsim.report.camera import look_at, look_at_broadside, upright
+from ldsim.report.drawing import Movement, Picture, fitted, moving_pictures, on_white, webp
 
 
 class Codec(NamedTuple):
@@ -23,51 +26,97 @@ class Codec(NamedTuple):
     options: tuple[str, ...]
 
 
+class PictureLook(NamedTuple):
+    """What may be said of pictures: frames a second, width and height in pixels, azimuth and elevation in degrees.
+
+    Left out: at most 25 frames a second of a picture, 30 of a video; as high as the solid needs; its broad side.
+    """
+
+    fps: float | None = None
+    size: tuple[int, int] | None = None
+    view: tuple[float, float] | None = None
+
+
 WEBP_RATE, VIDEO_RATE = 25.0, 30.0
 WEBP_WIDTH, VIDEO_WIDTH = 480, 960
 # Pixels are kept as yuv420p, which every browser plays.
-MP4 = Codec(".mp4", "libx264", ("-crf", "22", "-preset", "veryfast"))
+MP4 = Codec(".mp4", "libx264", ("-crf", "22", "-preset", "veryfast", "-movflags", "+faststart"))
 WEBM = Codec(".webm", "libvpx-vp9", ("-crf", "34", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "6"))
 
 
-def write_webp(playback: Playback, path: Path) -> None:
-    """Write an endless animated WebP in real time, of at most 25 frames a second, on a transparent background."""
-    stride = frames_apart(playback, WEBP_RATE)
-    pictures = list(_pictures(playback, stride, WEBP_WIDTH))
-    path.write_bytes(webp(pictures, max(20, round(1000 * stride * playback.frame_seconds))))
+def write_webp(playback: Playback, path: Path, look: PictureLook = PictureLook()) -> None:
+    """Write an endless animated WebP in real time on a transparent background."""
+    shown, rate = shown_frames(playback, look.fps, WEBP_RATE)
+    path.write_bytes(webp(list(_pictures(playback, shown, look, WEBP_WIDTH)), max(10, round(1000 / rate))))
 
 
-def frames_apart(playback: Playback, rate: float) -> int:
-    """How far apart shown frames are, so that at most `rate` of them pass in a second of the motion."""
-    return max(1, int(np.ceil(1 / (rate * playback.frame_seconds) - 1e-9)))
+def shown_frames(playback: Playback, fps: float | None, most: float) -> tuple[list[int], float]:
+    """Which frames pass in real time, and how many a second: evenly spaced ones, at most `most`, where none is asked.
+
+    Raises:
+        ExportError: the motion has not so many.
+    """
+    own = 1 / playback.frame_seconds
+    if fps is None:
+        stride = max(1, int(np.ceil(own / most - 1e-9)))
+        return list(range(0, playback.frames, stride)), own / stride
+    if fps > own * (1 + 1e-9):
+        raise ExportError(f"--fps {fps:g} is more than the {own:g} frames a second of the motion; give at most that")
+    count = max(int(playback.frames * fps / own + 1e-9), 1)
+    return [min(round(i * own / fps), playback.frames - 1) for i in range(count)], fps
 
 
-def _pictures(playback: Playback, stride: int, width: int) -> Iterator[Picture]:
-    """Every stride-th frame, upright and seen from its broad side."""
+def _pictures(playback: Playback, shown: list[int], look: PictureLook, width: int) -> Iterator[Picture]:
+    """Some frames, upright, with what pulls."""
     turn = upright(playback.scene.gravity)
     rest = playback.mesh.vertices @ turn.T
-    shown = range(0, playback.frames, stride)
     positions = np.stack([rest + playback.displacement(frame) @ turn.T for frame in shown])
-    view = look_at_broadside(rest, positions)
-    yield from moving_pictures([(playback.title, positions)], surface_triangles(playback.mesh), view, width)
+    pulls = [
+        [(at[held].mean(axis=0), turn @ target) for held, target in playback.pulls(frame)]
+        for frame, at in zip(shown, positions, strict=True)
+    ]
+    view = look_at_broadside(rest, positions) if look.view is None else look_at(positions, *look.view)
+    width = width if look.size is None else look.size[0]
+    drawn = moving_pictures([Movement(playback.title, positions, pulls)], surface_triangles(playback.mesh), view, width)
+    yield from drawn if look.size is None else (fitted(picture, look.size) for picture in drawn)
 
 
-def write_video(playback: Playback, path: Path, codec: Codec) -> None:
-    """Write a video in real time, of at most 30 frames a second, on white."""
-    # An optional dependency: `formats.FORMATS` says so before this is called.
-    import imageio_ffmpeg
+def write_video(playback: Playback, path: Path, codec: Codec, look: PictureLook = PictureLook()) -> None:
+    """Write a video in real time on white.
 
-    stride = frames_apart(playback, VIDEO_RATE)
-    target, rate = path.with_name(path.name + codec.suffix), 1 / (stride * playback.frame_seconds)
-    frames = map(on_white, _pictures(playback, stride, VIDEO_WIDTH))
+    Raises:
+        ExportError: ffmpeg cannot write it.
+    """
+    shown, rate = shown_frames(playback, look.fps, VIDEO_RATE)
+    frames = map(on_white, _pictures(playback, shown, look, VIDEO_WIDTH))
     first = next(frames)
-    looks = {"fps": rate, "codec": codec.name, "quality": None, "macro_block_size": 2}
+    height, width = first.shape[:2]
+    target = path.with_name(path.name + codec.suffix)
+    read = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.6g}", "-i", "-")
+    write = ("-c:v", codec.name, "-pix_fmt", "yuv420p", *codec.options, str(target))
+    command = [_ffmpeg(), "-y", "-loglevel", "error", *read, *write]
     try:
-        writer = imageio_ffmpeg.write_frames(str(target), first.shape[1::-1], output_params=[*codec.options], **looks)
-        writer.send(None)
-        for pixels in chain([first], frames):
-            writer.send(pixels.tobytes())
-        writer.close()
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdin is not None
+            try:
+                for pixels in chain([first], frames):
+                    process.stdin.write(pixels.tobytes())
+            except BrokenPipeError:  # it has ended; what it said follows
+                pass
+            said = process.communicate()[1].decode(errors="replace").strip()
+        if process.returncode:
+            last = said.splitlines()[-1] if said else f"exit status {process.returncode}"
+            raise ExportError(f"{command[0]} could not write {codec.name}: {last}")
         target.replace(path)
     finally:
         target.unlink(missing_ok=True)
+
+
+def _ffmpeg() -> str:
+    """The system's own, or else that of the optional package; `formats.Extra` says where there is neither."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        import imageio_ffmpeg
+
+        found = str(imageio_ffmpeg.get_ffmpeg_exe())
+    return found

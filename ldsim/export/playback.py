@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
+from ldsim.artefacts.snapshots import Recorded
 from ldsim.errors import ExportError
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
@@ -28,6 +29,7 @@ class Playback:
         U: basis of a reduced space, and beside it the fields of pins that move, (3n, k); None for the full space.
         coordinates: their coordinates in each frame, (frames, k); None for the full space.
         lost: frames left out at the end because the run diverged there.
+        pulls: frame → what is held, (g,) vertices, and where to, (3,) metres, of every drag that pulls in it.
     """
 
     motion: str
@@ -39,6 +41,7 @@ class Playback:
     U: Array | None = None
     coordinates: Array | None = None
     lost: int = 0
+    pulls: Callable[[int], list[tuple[Indices, Array]]] = lambda _: []
 
     @property
     def title(self) -> str:
@@ -72,12 +75,13 @@ class Playback:
             raise ExportError(
                 f"--every {every} leaves none of the {self.frames} frames of {self.motion}; give a smaller number"
             )
-        read = self.displacement
+        read, pulls = self.displacement, self.pulls
         return replace(
             self,
             frame_seconds=self.frame_seconds * every,
             frames=len(kept),
             displacement=lambda frame: read(kept[frame]),
+            pulls=lambda frame: pulls(kept[frame]),
             coordinates=None if self.coordinates is None else self.coordinates[kept.start :: every],
         )
 
@@ -107,7 +111,8 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
     U = np.hstack([run.basis_of(space).matrix[:, : coordinates.shape[1]], lifting.fields])
     q = np.hstack([coordinates[:frames], lifting.coordinates(played)[:frames]])
     h, lost = run.scene.time_step, len(finite) - frames
-    return Playback(name, space, run.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, lost)
+    pulls = _pulls(run.recorded(name))
+    return Playback(name, space, run.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, lost, pulls)
 
 
 def _full(run: Run, motion: str) -> Playback:
@@ -116,7 +121,17 @@ def _full(run: Run, motion: str) -> Playback:
     def displacement(frame: int) -> Array:
         return np.asarray(read(frame, frame + 1)[0], dtype=np.float64)
 
-    return Playback(motion, "full", run.scene, run.scene.time_step, run.played.frames(motion), displacement)
+    h, pulls = run.scene.time_step, _pulls(run.recorded(motion))
+    return Playback(motion, "full", run.scene, h, run.played.frames(motion), displacement, pulls=pulls)
+
+
+def _pulls(recorded: Recorded) -> Callable[[int], list[tuple[Indices, Array]]]:
+    drags = recorded.motion.drags
+    return lambda frame: [
+        (recorded.held[i], drags[i].targets[frame - drags[i].start])
+        for i in recorded.motion.active(frame)
+        if i in recorded.held
+    ]
 
 
 def _known(what: str, name: str, known: Iterable[str]) -> str:

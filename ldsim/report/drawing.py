@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from io import BytesIO
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,9 +25,32 @@ from ldsim.report.svg import PALETTE
 
 Triangles = NDArray[np.integer]
 Picture: TypeAlias = Image.Image
+# Of a drag in one picture: where it holds and where it pulls to, (3,) metres each.
+Pull: TypeAlias = tuple[Array, Array]
+
+
+class DrawnPose(NamedTuple):
+    """One run in one frame: its title, the positions of the vertices, (n, 3) metres, and what pulls."""
+
+    title: str
+    positions: Array
+    pulls: Sequence[Pull] = ()
+
+
+class Movement(NamedTuple):
+    """One run: its title, the positions of the vertices in each frame, (N, n, 3) metres, and what pulls in each."""
+
+    title: str
+    positions: Array
+    pulls: Sequence[Sequence[Pull]] = ()
+
+    def pose(self, frame: int) -> DrawnPose:
+        return DrawnPose(self.title, self.positions[frame], self.pulls[frame] if self.pulls else ())
+
 
 CLAY = (0.72, 0.76, 0.80)
 TEXT_GREY = "#828a93"
+PULL = "#20262d"
 # From clay to deep vermilion through amber: lightness falls all the way, so it also reads without colour.
 DISTANCE_COLOURS = LinearSegmentedColormap.from_list("distance", [PALETTE[f"scale-{i}"] for i in range(4)])
 KEY_LIGHT = np.array([-0.45, 0.65, 0.61])
@@ -72,7 +95,7 @@ def draw_mesh(
 
 
 def side_by_side(
-    poses: Sequence[tuple[str, Array]],
+    poses: Sequence[DrawnPose],
     triangles: Triangles,
     view: View,
     limits: Array,
@@ -82,25 +105,26 @@ def side_by_side(
     """The same frame of several runs in a row, by one camera in one framing.
 
     Args:
-        poses: what to draw, left to right: titles, and the positions of the vertices, (n, 3), metres.
+        poses: what to draw, left to right.
         triangles: the surface, (t, 3), anticlockwise seen from outside.
         width: of the picture, pixels.
         most: given, vertices are coloured by their distance to where the first pose has them, up to so many metres, and
             a bar says so.
     """
     figure, panels = _row_of_panels(len(poses), limits, width, bar=most > 0)
-    for ax, (title, positions) in zip(panels, poses, strict=True):
-        shades = np.linalg.norm(positions - poses[0][1], axis=1) / most if most > 0 else None
-        draw_mesh(ax, positions, triangles, view, limits, shades)
+    for ax, pose in zip(panels, poses, strict=True):
+        shades = np.linalg.norm(pose.positions - poses[0].positions, axis=1) / most if most > 0 else None
+        draw_mesh(ax, pose.positions, triangles, view, limits, shades)
+        _draw_pulls(ax, pose.pulls, view, width / len(poses))
         # its size follows the picture's width, so that pictures scaled to one width match
-        ax.set_title(title, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
+        ax.set_title(pose.title, color=TEXT_GREY, fontsize=13 * width / 1200, pad=5 * width / 1200)
     if most > 0:
         _colour_bar(figure, 1000 * most)
     return _rasterised(figure)
 
 
 def animation(
-    motions: Sequence[tuple[str, Array]],
+    motions: Sequence[Movement],
     triangles: Triangles,
     frame_seconds: float,
     view: View | None = None,
@@ -112,33 +136,36 @@ def animation(
     Of several, the colour is the distance to the first, on the scale of the replay: 98 % of the frames stay within it.
 
     Args:
-        motions: title and positions (N, n, 3), metres, of each run; all of the same N.
+        motions: of each run; all of the same number of frames.
         triangles: the surface, (t, 3), anticlockwise seen from outside.
         frame_seconds: time between two frames of the motions.
         view: the camera; by default three-quarters from the front.
         max_frames: of the animation; longer motions are thinned evenly and keep their pace.
         width: of the picture, pixels.
     """
-    total = len(motions[0][1])
+    total = len(motions[0].positions)
     shown = np.unique(np.linspace(0, total - 1, min(total, max_frames)).round().astype(int))
-    thinned = [(title, np.asarray(positions[shown], dtype=np.float64)) for title, positions in motions]
+    thinned = [
+        Movement(title, np.asarray(positions[shown], dtype=np.float64), [pulls[i] for i in shown] if pulls else ())
+        for title, positions, pulls in motions
+    ]
     pictures = list(moving_pictures(thinned, triangles, view, width))
     return webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
 
 
 def moving_pictures(
-    motions: Sequence[tuple[str, Array]], triangles: Triangles, view: View | None = None, width: int = 720
+    motions: Sequence[Movement], triangles: Triangles, view: View | None = None, width: int = 720
 ) -> Iterator[Image.Image]:
     """One picture a frame of several runs side by side, by one camera in one framing; see `animation`."""
-    everything = np.stack([positions for _, positions in motions])
+    everything = np.stack([motion.positions for motion in motions])
     far = np.linalg.norm(everything[1:] - everything[0], axis=-1).max(axis=-1)
     most = float(np.percentile(far, 98)) if far.size else 0.0
     flat = everything.reshape(-1, *everything.shape[2:])
     view = view or look_at(flat)
-    limits = limits_of(view, flat)
+    targets = [point for motion in motions for pulls in motion.pulls for pull in pulls for point in pull]
+    limits = limits_of(view, np.concatenate([flat.reshape(-1, 3), *(point[None] for point in targets)]))
     for frame in range(everything.shape[1]):
-        row = [(title, positions[frame]) for title, positions in motions]
-        yield side_by_side(row, triangles, view, limits, width, most)
+        yield side_by_side([motion.pose(frame) for motion in motions], triangles, view, limits, width, most)
 
 
 def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
@@ -150,12 +177,31 @@ def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
     return buffer.getvalue()
 
 
+def fitted(picture: Picture, size: tuple[int, int]) -> Picture:
+    """The picture as large as it fits, in the middle of one of this size, pixels."""
+    share = min(size[0] / picture.width, size[1] / picture.height)
+    inner = (max(round(share * picture.width), 1), max(round(share * picture.height), 1))
+    whole = Image.new("RGBA", size)
+    whole.paste(picture.resize(inner, Image.Resampling.LANCZOS), ((size[0] - inner[0]) // 2, (size[1] - inner[1]) // 2))
+    return whole
+
+
 def on_white(picture: Picture) -> NDArray[np.uint8]:
     """The picture's pixels on a white ground, cut to even sides as video codecs want them, (height, width, 3)."""
     ground = Image.new("RGBA", picture.size, "white")
     ground.alpha_composite(picture)
     pixels = np.asarray(ground.convert("RGB"))
     return np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
+
+
+def _draw_pulls(ax: Axes, pulls: Sequence[Pull], view: View, width: float) -> None:
+    """A line from where each pull holds to a ball where it pulls to, rimmed so that it reads on any ground."""
+    size = width / 400
+    for ends in pulls:
+        x, y = project(view, screen_positions(view, np.stack(ends))).T
+        for colour, more in (("white", 2.4), (PULL, 0.0)):
+            ax.plot(x, y, color=colour, linewidth=(1.6 + more) * size, solid_capstyle="round", zorder=3 + (more == 0))
+            ax.plot(x[1:], y[1:], "o", color=colour, markersize=(5.5 + more) * size, zorder=3 + (more == 0), mew=0)
 
 
 def _visible_back_to_front(view: View, screen: Array, triangles: Triangles) -> NDArray[np.intp]:

@@ -9,7 +9,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import animation
+from ldsim.report.drawing import Movement, Pull, animation
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.run import Run
@@ -47,13 +47,16 @@ def moving_picture(run: Run) -> Picture | None:
     def positions(space: str) -> Array:
         return rest + displacements(run, space, motion)(frames, slice(None)) @ turn.T
 
+    def movement(space: str, moved: Array) -> Movement:
+        return Movement(title(run, space), moved, _pulls(run, motion, frames, moved, turn))
+
     full = positions("full")
-    sequences = [(title(run, "full"), full)]
+    sequences = [movement("full", full)]
     for space in reduced_runs(run, motion):
         moved = positions(space)
         if (np.linalg.norm(moved - full, axis=-1) < run.scene.mesh.diagonal).all():
-            sequences.append((title(run, space), moved))
-    view = look_at_broadside(rest, np.concatenate([moved for _, moved in sequences]))
+            sequences.append(movement(space, moved))
+    view = look_at_broadside(rest, np.concatenate([each.positions for each in sequences]))
     pause = float(frames[1] - frames[0]) * h
     data = animation(sequences, surface_triangles(run.scene.mesh), pause, view, len(frames), ANIMATION_WIDTH)
     if len(data) > ANIMATION_BYTES:
@@ -63,6 +66,20 @@ def moving_picture(run: Run) -> Picture | None:
         f"{(frames[0] + 1) * h:.2f} s to {(frames[-1] + 1) * h:.2f} s in real time."
     )
     return Picture(f"{motion}.webp", caption, data)
+
+
+def _pulls(run: Run, motion: str, frames: Indices, moved: Array, turn: Array) -> list[list[Pull]]:
+    """What pulls in each frame, upright."""
+    recorded = run.motions[motion]
+    return [
+        [
+            (moved[i][held].mean(axis=0), turn @ drag.targets[frame - drag.start])
+            for number, held in recorded.held.items()
+            for drag in [recorded.motion.drags[number]]
+            if drag.start <= frame < drag.stop
+        ]
+        for i, frame in enumerate(frames)
+    ]
 
 
 def _stretch(run: Run, motion: str) -> Indices:

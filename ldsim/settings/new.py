@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -43,7 +44,7 @@ mesh:
 snapshot:
   # reach: a quarter of its size, or less where that strains it by a half; stiffness: that of the solid where it is
   # neither soft nor stiff; radius: holds a hundredth of its surface
-  motions:{recorded}
+  motions:
     - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
     - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
     # never learned from: `ldsim make --error` is judged by each of these
@@ -180,14 +181,11 @@ def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:
     return Geometry(name, tuple(lines), tuple(said), MeshOptions(**content))
 
 
-def configuration(
-    geometry: Geometry, scene: Scene, youngs_modulus: float | None = None, recording: str | None = None
-) -> tuple[str, list[str]]:
+def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None = None) -> tuple[str, list[str]]:
     """The text of a configuration for a solid, and in plain lines what was assumed and what the solid then does.
 
     Args:
         scene: made with the geometry's options, or coarser.
-        recording: the file of a motion to learn from besides random pulls.
 
     Raises:
         SettingsError: it is too large to be looked at.
@@ -203,11 +201,19 @@ def configuration(
     values = _values(solid, derived.SOFT * factor, 3 * len(scene.free))
     material = f"Young's modulus {values['modulus']} Pa: {why} (--youngs-modulus)"
     lines = "\n  ".join(geometry.lines)
-    by_hand = f"\n    - {{name: by_hand, role: train, recording: {_quoted(recording)}}}" if recording else ""
-    text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, recorded=by_hand, **values)
+    text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, **values)
     motions = settings_of(yaml.safe_load(text), geometry.name).snapshot.motions
     pulls = [each.pulls for each in motions if each.pulls is not None]
     return text, [*geometry.said, material, *described(solid.stiffened(factor), pulls[:1])]
+
+
+def with_recordings(text: str, recordings: Sequence[str]) -> str:
+    """A configuration of `configuration` that also learns from motions by hand, by the paths of their files."""
+    lines = [
+        f"    - {{name: {name}, role: train, recording: {_quoted(file)}}}\n"
+        for name, file in zip(["by_hand", *(f"by_hand_{i}" for i in range(2, 99))], recordings, strict=False)
+    ]
+    return text.replace("\n  motions:\n", "\n  motions:\n" + "".join(lines), 1)
 
 
 def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +22,7 @@ from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.settings.experiment import load_settings, settings_of
-from ldsim.settings.new import Given, NewOptions, configuration, seen
+from ldsim.settings.new import Given, NewOptions, configuration, seen, with_recordings
 from ldsim.viewer.recorder import Recorder
 
 CONFIGURATIONS = (".yaml", ".yml")
@@ -46,7 +48,8 @@ class RecordOptions(Given):
 def recording_scene(source: Path, options: RecordOptions, progress: Progress = SILENT) -> tuple[Scene, Recorder]:
     """The scene of a configuration, or of a mesh or surface file, coarse enough for the hand, and what records on it.
 
-    Where `options.config` is given, the configuration of all stages is written there.
+    Where `options.config` is given, the configuration of all stages is written there with the first take, and again
+    with every other; without a take there is none.
 
     Raises:
         LdsimError: the file cannot be read or does not fit the options, or the configuration is there already.
@@ -55,14 +58,15 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     _check_config(source, described, options.config)
     if described:
         section = _coarser(load_settings(source).mesh, source, options)
-        scene, _ = described_scene(section, progress, source.parent)
+        (scene, _), text = described_scene(section, progress, source.parent), ""
     else:
-        scene = _of_file(source, options, progress)
+        scene, text = _of_file(source, options, progress)
     stiffness, radius = usual_grip(scene)
     notes: dict[str, str | float] = {"recorded_on": source.name, "time_step_s": scene.time_step}
     motion = None if options.play is None else read_recording(options.play, options.play.stem)
     grip = (options.stiffness or stiffness, options.radius or radius)
-    return scene, Recorder(options.output, *grip, notes, motion)
+    written = partial(_write_configuration, options.config, text)
+    return scene, Recorder(options.output, grip, notes, motion, written)
 
 
 def _check_config(source: Path, described: bool, config: Path | None) -> None:
@@ -76,25 +80,36 @@ def _check_config(source: Path, described: bool, config: Path | None) -> None:
         config.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _of_file(source: Path, options: RecordOptions, progress: Progress) -> Scene:
-    """A solid without a configuration, as `ldsim new` would have it; where one is asked for, it is written."""
+def _write_configuration(place: Path | None, text: str, takes: Sequence[Path]) -> None:
+    """The configuration that learns from the takes that there are."""
+    if place is None:
+        return
+    if not takes:
+        place.unlink(missing_ok=True)
+        return
+    with replacing(place) as temporary:
+        temporary.write_text(
+            with_recordings(text, [os.path.relpath(take, place.parent) for take in takes]), encoding="utf-8"
+        )
+
+
+def _of_file(source: Path, options: RecordOptions, progress: Progress) -> tuple[Scene, str]:
+    """A solid without a configuration, as `ldsim new` would have it, and the text of one."""
     place = options.config or source.with_suffix(".yaml")
     geometry = seen(source, place, NewOptions.model_validate(options.given()))
     section = geometry.options
     if section.surface is not None and options.cells is None:
         options = options.replace(cells=COARSE_CELLS)
     scene, _ = described_scene(_coarser(section, place, options), progress, place.parent)
-    recording = os.path.relpath(options.output, place.parent)
-    text, said = configuration(geometry, scene, options.youngs_modulus, recording)
+    text, said = configuration(geometry, scene, options.youngs_modulus)
     for line in said:
         progress.tell(line)
     section = settings_of(yaml.safe_load(text), str(place)).mesh
     if options.config is not None:
-        with replacing(place) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        progress.tell(f"{place}: record {options.output}, then `ldsim make {place}`")
+        progress.tell(f"{place} is written when something has been recorded; then `ldsim make {place}`")
     material = Change(**section.material.model_dump())
-    return replace(with_properties(scene, properties_of(scene).changed(material)), time_step=section.time_step)
+    changed = with_properties(scene, properties_of(scene).changed(material))
+    return replace(changed, time_step=section.time_step), text
 
 
 def _coarser(section: MeshOptions, config: Path, options: RecordOptions) -> MeshOptions:

@@ -8,9 +8,11 @@ from pathlib import Path
 from ldsim.errors import LdsimError
 from ldsim.mechanics.scene import Scene
 from ldsim.report.camera import first_look
-from ldsim.run import SPACES
+from ldsim.report.schema import ROLE_NAMES, ROLES
+from ldsim.run import SPACES, Run
 from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer.payload import solid_block
+from ldsim.viewer.player import PlayedMotion, Player
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server
 from ldsim.viewer.session import Session
@@ -40,8 +42,17 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
         _warm(simulator)
     offered = [space for space in reversed(SPACES) if space != "full" or coarse]
     offered += [simulator.space.name for simulator in first if simulator.space.name not in offered]
-    session = Session(lambda space: load(run, space, seconds=STEP_SECONDS), offered, first)
+    session = Session(lambda space: load(run, space, seconds=STEP_SECONDS), offered, first, _player(run))
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
+
+
+def _player(folder: Path) -> Player:
+    """The motions of a run, those that nothing has seen first; without its snapshots there are none."""
+    with Run.open(folder) as run:
+        if not run.path("snapshots").is_file():
+            return Player()
+        motions = sorted(run.motions.items(), key=lambda entry: -ROLES.index(entry[1].role))
+        return Player({name: PlayedMotion(each.motion, ROLE_NAMES[each.role], each.held) for name, each in motions})
 
 
 def record_server(scene: Scene, title: str, recorder: Recorder, port: int, until_closed: bool) -> Server:

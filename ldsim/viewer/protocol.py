@@ -65,16 +65,16 @@ class NumberMessage(PageMessage):
 
 
 class SwitchMessage(PageMessage):
-    """Pause or go on; record from rest, or end and write it; play the take back from rest, or stop that."""
+    """Pause or go on; record from rest, or end and write it; play a motion from rest, or stop that."""
 
     kind: Literal["pause", "record", "replay"]
     value: bool
 
 
 class ButtonMessage(PageMessage):
-    """One time step while paused, or back to rest."""
+    """One time step while paused, back to rest, or back to before the last pull."""
 
-    kind: Literal["step", "reset"]
+    kind: Literal["step", "reset", "undo"]
 
 
 class SpacesMessage(PageMessage):
@@ -85,7 +85,7 @@ class SpacesMessage(PageMessage):
 
 
 class WordMessage(PageMessage):
-    """What the colour shows; the recorded take to play back; one to delete."""
+    """What the colour shows; the motion or take to play; a take to delete."""
 
     kind: Literal["colour", "take", "discard"]
     value: Word

@@ -1,18 +1,18 @@
-"""Recording grabs to a motion file, and playing one back."""
+"""Recording grabs to motion files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.errors import MotionError
-from ldsim.mechanics.loads import MotionLoads
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import write_recording
 from ldsim.simulator import Handle, Simulator
+from ldsim.viewer.player import PlayedMotion, Player
 
 
 class Recorder:
@@ -24,6 +24,10 @@ class Recorder:
         stiffness, radius: of every grab, N/m and m.
         notes: further lines of the file.
         motion: what can be played back before anything is recorded.
+        takes_changed: told which files there are whenever one is written or deleted.
+
+    Attributes:
+        player: what plays the takes back.
 
     Raises:
         MotionError: the file's folder does not exist.
@@ -32,41 +36,34 @@ class Recorder:
     def __init__(
         self,
         path: Path,
-        stiffness: float,
-        radius: float,
+        grip: tuple[float, float],
         notes: Mapping[str, str | float],
         motion: Motion | None = None,
+        takes_changed: Callable[[Sequence[Path]], object] = lambda _: None,
     ) -> None:
         if not path.parent.is_dir():
             raise MotionError(
                 f"recording {path} cannot be written: {path.parent} is no folder; choose another --output"
             )
-        self._path, self._stiffness, self._radius, self._notes = path, stiffness, radius, notes
-        self.takes: dict[str, Motion] = {} if motion is None else {motion.name: motion}
-        self.take = next(iter(self.takes), "")
-        self._recorded: dict[str, Path] = {}
+        self._path, (self._stiffness, self._radius), self._notes = path, grip, notes
+        self.player = Player({} if motion is None else {motion.name: PlayedMotion(motion)})
+        self._takes_changed = takes_changed
+        self._files: dict[str, Path] = {}
         self._count = 0
-        self.recording = self.replaying = False
+        self.recording = False
         self._frames = 0
         self._drags: list[Drag] = []
         self._point: Array | None = None
         self._target = np.zeros(3)
         self._targets: list[Array] = []
-        self._loads: MotionLoads | None = None
 
     def status(self) -> dict[str, object]:
         """What the page shows of it."""
-        return {
-            "recording": self.recording,
-            "replaying": self.replaying,
-            "file": self._path.name,
-            "takes": {name: motion.frames for name, motion in self.takes.items()},
-            "take": self.take,
-        }
+        return {"recording": self.recording, "file": self._path.name}
 
     def record(self, value: bool) -> str:
         """Start a recording from rest, or end it and write the file; returns what to say."""
-        self.recording, self.replaying = value, False
+        self.recording = value
         if value:
             self._frames, self._drags, self._targets, self._point = 0, [], [], None
             return "recording: pull on the solid"
@@ -75,31 +72,17 @@ class Recorder:
         path = self._path if self._count == 1 else self._path.with_stem(f"{self._path.stem}-{self._count}")
         motion = Motion(path.stem, self._frames, tuple(self._drags))
         write_recording(path, motion, self._notes)
-        self.takes[path.stem], self._recorded[path.stem], self.take = motion, path, path.stem
+        self.player.add(path.stem, PlayedMotion(motion))
+        self._files[path.stem] = path
+        self._takes_changed([*self._files.values()])
         return f"{path}: {self._frames} frames, {len(self._drags)} pulls"
-
-    def choose(self, take: str) -> None:
-        """The take that is played back from now on."""
-        if take not in self.takes:
-            raise MotionError(f"there is no take {take!r}; there are {', '.join(self.takes) or 'none'}")
-        self.take = take
 
     def discard(self, take: str) -> None:
         """Forget a take, and delete its file where it was recorded here."""
-        self.choose(take)
-        del self.takes[take]
-        if take in self._recorded:
-            self._recorded.pop(take).unlink(missing_ok=True)
-        self.take = next(reversed(self.takes), "")
-
-    def replay(self, value: bool, simulator: Simulator) -> None:
-        """Play the take from rest from now on, or stop doing so."""
-        if value and not self.take:
-            raise MotionError("nothing to play back: record something first, or name a recording with --play")
-        if value:
-            self._loads = MotionLoads(self.takes[self.take], simulator.scene)
-        self.recording, self.replaying, self._frames = False, value, 0
-        simulator.set_grabs([])
+        self.player.remove(take)
+        if take in self._files:
+            self._files.pop(take).unlink(missing_ok=True)
+            self._takes_changed([*self._files.values()])
 
     def grab(self, simulator: Simulator, point: Array, target: Array) -> Handle:
         """Take hold at a point of the deformed solid; a frame after the grab before, whose rows it must not touch."""
@@ -121,24 +104,9 @@ class Recorder:
             self._drags.append(Drag(start, self._point, np.array(self._targets), self._radius, self._stiffness))
         self._point, self._targets = None, []
 
-    def prepare(self, simulator: Simulator) -> bool:
-        """Before each step: note the frame, or set the grabs of the one played back; false when that ends here."""
-        if self.replaying:
-            return self._play(simulator)
+    def prepare(self) -> None:
+        """Before each step: note the frame."""
         if self.recording:
             if self._point is not None:
                 self._targets.append(self._target)
             self._frames += 1
-        return True
-
-    def _play(self, simulator: Simulator) -> bool:
-        assert self._loads is not None
-        if self._frames >= self.takes[self.take].frames:
-            self.replay(False, simulator)
-            return False
-        u = simulator.displacement() if self._loads.needs_state(self._frames) else None
-        loads = self._loads.at(self._frames, u)
-        simulator.set_grabs(loads.grabs)
-        simulator.set_pins(loads.pins)
-        self._frames += 1
-        return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 import time
@@ -14,17 +13,17 @@ import numpy as np
 from ldsim.arrays import Array
 from ldsim.errors import LdsimError
 from ldsim.simulator import Handle, Simulator, StepRecord
-from ldsim.simulator.fields import FIELDS, VertexField
 from ldsim.viewer import protocol
-from ldsim.viewer.payload import MAX_GRABS, GrabFrame, field_bytes, frame_bytes, space_block
+from ldsim.viewer.colours import NAMES, Colours
+from ldsim.viewer.hands import Hands
+from ldsim.viewer.payload import MAX_GRABS, GrabFrame, frame_bytes, space_block
+from ldsim.viewer.player import Player
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.state import Audience, Errors, Held, Look, space_frame
+from ldsim.viewer.state import Audience, Errors, Look, space_frame
 
 TICK = 1 / 60
-FIELD_EVERY = 0.1
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
-COLOURS = ("plain", "displacement", *FIELDS, "novelty")
 
 
 class Session:
@@ -34,7 +33,10 @@ class Session:
         open_space: makes the simulator of a space.
         offered: the spaces that may be shown.
         first: those shown at the start, already open.
-        recorder: what a recording goes into; None where nothing is recorded.
+        played: what a recording goes into, or where nothing is recorded, what plays the motions of the run.
+
+    Attributes:
+        hands: what the pages hold.
     """
 
     def __init__(
@@ -42,23 +44,22 @@ class Session:
         open_space: Callable[[str], Simulator],
         offered: Sequence[str],
         first: Sequence[Simulator],
-        recorder: Recorder | None = None,
+        played: Recorder | Player | None = None,
     ) -> None:
         self._open_space, self.offered = open_space, tuple(offered)
         self._open = {simulator.space.name: simulator for simulator in first}
         self.blocks = {simulator.space.name: space_block(simulator) for simulator in first}
         self._shown = list(first)
-        self.recorder = recorder
-        self._field = VertexField(first[0].scene, first[0].surface.vertices)
-        self._field(FIELDS[0], first[0].displacement(), 1.0)  # compiled now, before a page waits for it
+        self.recorder = played if isinstance(played, Recorder) else None
+        self.player = played.player if isinstance(played, Recorder) else played or Player()
+        self._colours = Colours(first[0].scene, first[0].surface)
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = Look((x, y, z))
-        self._held: dict[int, Held] = {}
+        self.hands = Hands()
         self._told: queue.Queue[tuple[int, protocol.Message | None]] = queue.Queue(maxsize=1000)
         self._watched, self._stopped = threading.Event(), threading.Event()
         self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
         self._number, self._simulated = 0, 0.0
-        self._field_time, self._high = 0.0, 0.0
         self._errors = Errors()
         self._records: list[list[StepRecord]] = []  # of each space shown, since the last frame
 
@@ -142,7 +143,8 @@ class Session:
 
     def step(self) -> None:
         """One time step in every space shown."""
-        if self.recorder is not None and not self._prepared(self.recorder):
+        if not self._prepared():
+            self._condition()
             self._audience.status(self.status())
         self._records = self._records or [[] for _ in self._shown]
         for simulator, records in zip(self._shown, self._records, strict=True):
@@ -150,12 +152,14 @@ class Session:
         self._errors.add(self._shown)
         self._simulated += self._shown[0].scene.time_step
 
-    def _prepared(self, recorder: Recorder) -> bool:
-        """Whether the recorder goes on; a motion that belongs to another solid is told and ends."""
+    def _prepared(self) -> bool:
+        """Whether what is recorded or played goes on; a motion that belongs to another solid is told and ends."""
+        if self.recorder is not None:
+            self.recorder.prepare()
         try:
-            return recorder.prepare(self._shown[0])
+            return self.player.prepare(self._shown)
         except LdsimError as error:
-            recorder.replay(False, self._shown[0])
+            self.player.stop(self._shown)
             self._audience.notice(f"the playback ends: {error}")
             return False
 
@@ -165,29 +169,25 @@ class Session:
         present = self._records or [[] for _ in self._shown]
         pairs = zip(self._shown, present, strict=True)
         spaces = [space_frame(simulator, steps, self._errors.of(simulator.space.name)) for simulator, steps in pairs]
-        grabs = [GrabFrame(key, held.target, [h.centroid for h in held.handles]) for key, held in self._held.items()]
-        recorder = self.recorder
-        flags = self.look.paused + (0 if recorder is None else 2 * recorder.recording + 4 * recorder.replaying)
+        recording = self.recorder is not None and self.recorder.recording
+        flags = self.look.paused + 2 * recording + 4 * self.player.playing
+        grabs = self._played_grabs() if self.player.playing else self.hands.frames()
         self._audience.frame(frame_bytes(self._number, self._simulated, self.look.speed, flags, spaces, grabs))
         self._records = []
-        if self.look.colour in FIELDS and time.perf_counter() - self._field_time > FIELD_EVERY:
-            self._publish_fields()
+        for i, colours in enumerate(self._colours.of(self.look.colour, self._shown)):
+            self._audience.colours(i, colours)
 
-    def _publish_fields(self) -> None:
-        self._field_time = time.perf_counter()
-        fields = [
-            self._field(self.look.colour, simulator.displacement(), simulator.material_scale)
-            for simulator in self._shown
+    def _played_grabs(self) -> list[GrabFrame]:
+        """What the motion that is played holds; the page's own numbers begin elsewhere."""
+        rows = zip(*(simulator.grabs for simulator in self._shown), strict=True)
+        return [
+            GrabFrame(i, row[0].target, [s.centroid(grab.vertices) for s, grab in zip(self._shown, row, strict=True)])
+            for i, row in enumerate(rows)
         ]
-        largest = max(float(np.percentile(values, 99)) for values in fields)
-        if largest > self._high:  # the scale is held; it grows by round steps until the colour is chosen anew
-            self._high = rounded_up(largest)
-        for i, values in enumerate(fields):
-            self._audience.colours(i, field_bytes(i, values, 0.0, self._high))
 
     def status(self) -> dict[str, object]:
         """All that the page shows besides the frames."""
-        look, recorder = self.look, self.recorder
+        look = self.look
         return {
             "kind": "status",
             "offered": self.offered,
@@ -197,7 +197,8 @@ class Session:
             "speed": look.speed,
             "paused": look.paused,
             "colour": look.colour,
-            "recorder": None if recorder is None else recorder.status(),
+            "recorder": None if self.recorder is None else self.recorder.status(),
+            "player": self.player.status(),
         }
 
     # Obeying, one method a message
@@ -209,15 +210,19 @@ class Session:
             return True
         match message:
             case protocol.GrabMessage():
-                self._grab(client, message)
+                return self._grab(client, message)
             case protocol.MoveMessage():
                 self._move(message.id, np.array(message.target))
             case protocol.ReleaseMessage():
                 self._release(message.id)
             case protocol.GravityMessage():
-                self._condition(message.value, self.look.stiffness)
+                self._refuse_while("gravity stays as it is")
+                self.look.gravity = message.value
+                self._condition()
             case protocol.NumberMessage(kind="stiffness"):
-                self._condition(self.look.gravity, min(max(message.value, 0.01), 100.0))
+                self._refuse_while("stiffness stays as it is")
+                self.look.stiffness = min(max(message.value, 0.01), 100.0)
+                self._condition()
             case protocol.NumberMessage():
                 self.look.speed = min(max(message.value, 0.01), 4.0)
             case protocol.SwitchMessage(kind="pause"):
@@ -225,11 +230,14 @@ class Session:
             case protocol.SwitchMessage(kind="record"):
                 self._record(message.value)
             case protocol.SwitchMessage():
-                self._replay(message.value)
+                self._play(message.value)
             case protocol.ButtonMessage(kind="step"):
                 self.look.paused = True
                 self.step()
+            case protocol.ButtonMessage(kind="undo"):
+                self._undo()
             case protocol.ButtonMessage():
+                self._remember()
                 self._reset()
             case protocol.SpacesMessage():
                 self._show(message.value)
@@ -240,61 +248,67 @@ class Session:
         return message.kind not in ("grab", "move", "release")
 
     def _leave(self, client: int) -> None:
-        for key in [key for key, held in self._held.items() if held.client == client]:
+        for key in self.hands.of(client):
             self._release(key)
 
-    def _grab(self, client: int, message: protocol.GrabMessage) -> None:
-        recorder = self.recorder
+    def _grab(self, client: int, message: protocol.GrabMessage) -> bool:
+        """Returns whether this ended a motion that was played: a hand is stronger than it."""
+        recorder, playing = self.recorder, self.player.playing
         limit = MAX_GRABS if recorder is None else 1
-        if len(self._held) >= limit or message.id in self._held or (recorder is not None and recorder.replaying):
-            return
-        target, handles = np.array(message.target), list[Handle]()
-        try:
-            with warnings.catch_warnings(record=True) as warned:
-                warnings.simplefilter("always")
-                for simulator in self._shown:
-                    if recorder is None:
-                        handles.append(simulator.grab(message.point, target, at_rest=True))
-                    else:
-                        handles.append(recorder.grab(simulator, np.array(message.point), target))
-        except LdsimError:
-            for handle in handles:
-                handle.release()
-            raise
+        if len(self.hands.held) >= limit or message.id in self.hands.held:
+            return False
+        self._stop_playing()
+        self._remember()
+
+        def take_hold(simulator: Simulator) -> Handle:
+            point, target = np.array(message.point), np.array(message.target)
+            if recorder is None:
+                return simulator.grab(point, target, at_rest=True)
+            return recorder.grab(simulator, point, target)
+
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            self.hands.grab(client, message, self._shown, take_hold)
         if warned:
             self._audience.notice("this place is pinned and will not move; pull where the solid can give way")
-        self._held[message.id] = Held(client, target, handles)
+        return playing
 
     def _move(self, key: int, target: Array) -> None:
-        held = self._held.get(key)
-        if held is None:
-            return
-        held.target = target
-        for handle in held.handles:
-            handle.move(target)
-        if self.recorder is not None:
+        if self.hands.move(key, target) and self.recorder is not None:
             self.recorder.move(target)
 
     def _release(self, key: int) -> None:
-        held = self._held.pop(key, None)
-        for handle in held.handles if held is not None else ():
-            handle.release()
-        if held is not None and self.recorder is not None:
+        if self.hands.release(key) and self.recorder is not None:
             self.recorder.release()
 
-    def _condition(self, gravity: protocol.Place, stiffness: float) -> None:
-        if self.recorder is not None and (self.recorder.recording or self.recorder.replaying):
-            raise LdsimError("gravity and stiffness stay as they are in a recording; its file does not hold them")
-        self.look.gravity, self.look.stiffness = gravity, stiffness
+    def _refuse_while(self, what: str) -> None:
+        """A recording's file holds neither gravity nor stiffness, and no undo."""
+        if self.player.playing or (self.recorder is not None and self.recorder.recording):
+            raise LdsimError(f"{what} while a motion is recorded or played; stop first")
+
+    def _condition(self) -> None:
         for simulator in self._shown:
-            simulator.gravity = self.look.gravity
-            simulator.material_scale = self.look.stiffness
+            simulator.gravity, simulator.material_scale = self.look.gravity, self.look.stiffness
 
     def _reset(self) -> None:
-        self._held.clear()
+        self.player.stop(self._shown)
+        self.hands.held.clear()
         for simulator in self._shown:
             simulator.reset()
+        self._condition()
         self._simulated, self._records, self._errors = 0.0, [], Errors()
+
+    def _remember(self) -> None:
+        if self.recorder is None or not self.recorder.recording:
+            self.hands.remember(self._shown, self._simulated)
+
+    def _undo(self) -> None:
+        if self.recorder is not None and self.recorder.recording:
+            raise LdsimError("a recording has no undo; stop it, and delete the take")
+        self._stop_playing()
+        self._simulated = self.hands.undo(self._shown)
+        self._condition()
+        self._records, self._errors = [], Errors()
 
     def _show(self, names: tuple[str, ...]) -> None:
         if any(name not in self.offered for name in names) or len(set(names)) < len(names):
@@ -308,15 +322,14 @@ class Session:
         for simulator in self._shown:
             if simulator not in before:
                 simulator.follow(before[0])
-        for held in self._held.values():
-            kept = dict(zip(before, held.handles, strict=True))
-            held.handles = [kept.get(each) or held.handles[0].on(each) for each in self._shown]
+        self.hands.carry_over(before, self._shown)
         self._records, self._errors = [], Errors()
 
     def _colour(self, name: str) -> None:
-        if name not in COLOURS:
-            raise LdsimError(f"colour {name!r} asked for; known are {', '.join(COLOURS)}")
-        self.look.colour, self._high, self._field_time = name, 0.0, 0.0
+        if name not in NAMES:
+            raise LdsimError(f"colour {name!r} asked for; known are {', '.join(NAMES)}")
+        self.look.colour = name
+        self._colours.start()
 
     def _record(self, value: bool) -> None:
         if self.recorder is None:
@@ -325,20 +338,26 @@ class Session:
         self._audience.notice(self.recorder.record(value))
 
     def _take(self, message: protocol.WordMessage) -> None:
-        if self.recorder is None:
-            raise LdsimError("there are no takes here; `ldsim record` makes some")
-        if self.recorder.recording or self.recorder.replaying:
+        if self.recorder is not None and self.recorder.recording:
             raise LdsimError("stop first; then choose or delete a take")
-        (self.recorder.choose if message.kind == "take" else self.recorder.discard)(message.value)
+        if message.kind == "take":
+            self.player.choose(message.value)
+        elif self.recorder is None:
+            raise LdsimError("motions of a run are not deleted here")
+        else:
+            self.recorder.discard(message.value)
 
-    def _replay(self, value: bool) -> None:
-        if self.recorder is None:
-            raise LdsimError("nothing is played back here; `ldsim record` does")
+    def _play(self, value: bool) -> None:
+        if not value:
+            self._stop_playing()
+            return
+        if self.recorder is not None and self.recorder.recording:
+            raise LdsimError("stop the recording first; then play it back")
+        self._remember()
         self._reset()
-        self.recorder.replay(value, self._shown[0])
+        self.player.play(self._shown)
 
-
-def rounded_up(value: float) -> float:
-    """The next of 1, 2 and 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(value)) if value > 0 else 0.0
-    return next((step * power for step in (1, 2, 5) if step * power >= value), 10 * power)
+    def _stop_playing(self) -> None:
+        if self.player.playing:
+            self.player.stop(self._shown)
+            self._condition()

@@ -1,4 +1,4 @@
-"""What a session keeps in mind: grabs, the page's choices, who listens, and what a frame says of a space."""
+"""What a session keeps in mind: the page's choices, who listens, and what a frame says of a space."""
 
 from __future__ import annotations
 
@@ -7,21 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldsim.arrays import Array
-from ldsim.simulator import Handle, Outcome, Simulator, StepRecord
+from ldsim.simulator import Outcome, Simulator, StepRecord
 from ldsim.viewer.payload import SpaceFrame
 
 # From the best to the worst; the page knows an outcome by its place here.
 OUTCOMES = tuple(Outcome)
-
-
-@dataclass
-class Held:
-    """A grab of a page in every space that is shown."""
-
-    client: int
-    target: Array
-    handles: list[Handle]
 
 
 @dataclass

@@ -22,7 +22,7 @@ from reproduction.faults.alone import fork, starved
 from reproduction.faults.artefacts import Found
 from reproduction.faults.bench import EXPERIMENTS, Bench
 
-KINDS = "grab move release gravity stiffness speed pause record replay step reset spaces colour x".split()
+KINDS = "grab move release gravity stiffness speed pause record replay step reset undo spaces colour x".split()
 VALUES: tuple[object, ...] = (
     0, 1e6, -1e6, 1e308, 10**400, True, "", "\ud800", [0, 0, 0], [1e6, -1e6, 1e6], [1e308] * 3, ["latent"],
     ["full", "linear"], ["full", "full"], [], {}, "strain", "plain", None,

@@ -18,6 +18,7 @@ EXPORTS: dict[str, tuple[list[str], str]] = {
     "a basis of the full space": (["--format", "usd", "--space", "full"], "use --space linear or latent"),
     "too few frames": (["--format", "ply", "--every", "99"], "leaves none of the 40 frames"),
     "another suffix": (["--format", "gltf", "--output", "a.mp4"], "expected '.glb'"),
+    "a look of what is no picture": (["--format", "gltf", "--fps", "20"], "--fps, --size and --view are for webp"),
     "a folder that exists": (["--format", "ply", "--output", "."], "exists already"),
 }
 
@@ -31,6 +32,15 @@ def test_an_export_that_does_not_suit(experiment: Experiment, case: str) -> None
     message = refused(CliRunner().invoke(main, ["export", str(experiment.run), *options]))
     assert words in message
     assert experiment.finished() == before
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [("--size", "1280", "is no size"), ("--size", "20x20", "is no size"), ("--view", "30", "such as 30,15, or front")],
+)
+def test_a_look_that_is_none(option: str, value: str, words: str) -> None:
+    result = CliRunner().invoke(main, ["export", "nowhere", "--format", "webp", option, value])
+    assert result.exit_code == 2 and words in result.output
 
 
 @pytest.mark.parametrize("file", ["scene.h5", "basis.h5", "model.h5", "cubature.h5", "snapshots.h5"])

@@ -129,7 +129,14 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     arguments = ["record", str(source), "--unit", "m", "--config", str(made), "--output", str(motion)]
     result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
     assert result.exit_code == 0 and len(served) == 1, result.output
-    motion.touch()  # nothing was recorded here
+    assert not made.exists()  # a page that is closed unrecorded leaves nothing behind
+    recorder = served[0]._session.recorder
+    for _ in range(2):
+        recorder.record(True)
+        recorder.prepare()
+        recorder.record(False)
+    assert load_settings(made).snapshot.motions[1].recording == "../m-2.csv"
+    recorder.discard("m-2")
     settings = load_settings(made)
     assert settings.experiment == "made"
     assert settings.snapshot.roles == ("train", "train", "train", "validation", "test")
@@ -138,13 +145,17 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
     assert done.exit_code == 0, done.output
     assert "exists already; give --config another name" in refusal(*arguments)
+    recorder.discard("m")
+    assert not made.exists()
 
 
 def test_a_solid_that_is_recorded_on_is_that_of_the_configuration(tmp_path: Path) -> None:
     source, made = tmp_path / "one.mesh", tmp_path / "one.yaml"
     source.write_text(ONE, encoding="utf-8")
     options = RecordOptions(pin="z-min", output=tmp_path / "m.csv", config=made, youngs_modulus=2e6)
-    scene, _ = recording_scene(source, options)
+    scene, recorder = recording_scene(source, options)
+    recorder.record(True)
+    recorder.record(False)
     again, _ = described_scene(load_settings(made).mesh, SILENT, tmp_path)
     assert tuple(scene.gravity) == (0, 0, -9.8)
     assert scene.time_step == again.time_step

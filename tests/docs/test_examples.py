@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from ldsim import Run, load
+from ldsim.export.formats import Choice, export
+from tests.report.small_run import write_run
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide"
 
@@ -70,3 +72,25 @@ def test_the_example_of_the_readme_moves_the_solid(
     names: dict[str, Any] = {}
     exec(compile(block, "README.md", "exec"), names)
     check_the_first_pull(names | {"u": names["sim"].displacement()})
+
+
+def block_of(page: str, number: int) -> str:
+    return re.findall(r"^```python\n(.*?)^```", (GUIDE / page).read_text("utf-8"), re.M | re.S)[number]
+
+
+def test_the_examples_of_other_pages_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("demo", "x"):
+        write_run(tmp_path / "runs" / name)
+    monkeypatch.chdir(tmp_path)
+    with Run.open("runs/demo") as run:
+        export(run, Choice("npz"))
+        q, n = run.simulation["latent"]["push"].coordinates, run.scene.mesh.n_vertices
+    names: dict[str, Any] = {}
+    exec(compile(block_of("export.md", 0), "export.md", "exec"), names)
+    assert names["positions"].shape == (n, 3)
+    names = {"q": q}
+    exec(compile(block_of("reduced_space.md", 1), "reduced_space.md", "exec"), names)
+    assert names["scores"].shape == (len(q),)
+    names = {}
+    exec(compile(block_of("runtime.md", 0), "runtime.md", "exec"), names)
+    assert names["solid"] is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ from ldsim.run import Run
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_writes_its_file_or_folder(run: Run, tmp_path: Path, name: str) -> None:
     wanted = FORMATS[name]
-    if wanted.extra is not None and importlib.util.find_spec(wanted.extra.module) is None:
+    if wanted.extra is not None and wanted.extra.missing:
         pytest.skip(f"{wanted.extra.module} is not installed: {wanted.extra.install}")
     path, what = export(run, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
     assert path.is_file() if wanted.suffix else any(path.iterdir())

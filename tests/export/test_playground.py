@@ -161,6 +161,21 @@ def test_pause_stops_the_clock_and_step_makes_one_step(opened: Tab) -> None:
     assert opened.evaluate("steps") == 1
 
 
+def test_undo_brings_back_the_pose_and_the_pulls_from_before_the_last_pull(opened: Tab) -> None:
+    pull(opened)
+    opened.evaluate("ldsim.source.poses = []; for (let i = 0; i < 5; i++) ldsim.source.stepOnce()")
+    before = opened.evaluate("Array.from(ldsim.source.shown[0].features)")
+    opened.evaluate("document.getElementById('reset').click(); ldsim.source.stepOnce()")
+    assert opened.evaluate("Array.from(ldsim.source.shown[0].features)") != before
+    opened.evaluate("dispatchEvent(new KeyboardEvent('keydown', { key: 'u' }))")
+    assert opened.evaluate("Array.from(ldsim.source.shown[0].features)") == before
+    assert opened.evaluate("ldsim.source.pulls.size") == 1
+    opened.evaluate("dispatchEvent(new KeyboardEvent('keydown', { key: 'z', ctrlKey: true }))")
+    opened.wait("document.getElementById('notice').textContent.startsWith('nothing to undo')")
+    opened.mouse("mouseReleased", (0, 0))
+    assert opened.complaints == []
+
+
 @pytest.mark.parametrize("width", [360, 1400])
 def test_the_controls_fit_the_width_and_leave_room_for_the_solid(tab: Tab, page: Path, width: int) -> None:
     left, right, top, bottom = show(tab, page, width, 740).evaluate(

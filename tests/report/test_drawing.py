@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
-from ldsim.report.drawing import animation, draw_mesh, side_by_side
+from ldsim.report.drawing import DrawnPose, Movement, animation, draw_mesh, side_by_side
 
 FRONT = View(azimuth=0.0, elevation=0.0)
 BOX = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -113,7 +113,7 @@ def test_an_eye_at_no_distance_is_refused():
 def test_poses_stand_side_by_side_in_one_framing():
     vertices, triangles = cube()
     view = look_at(vertices[None])
-    poses = [("left", vertices), ("right", vertices)]
+    poses = [DrawnPose("left", vertices), DrawnPose("right", vertices)]
     image = np.asarray(side_by_side(poses, triangles, view, limits_of(view, vertices[None]), width=400))
     assert image.shape[1] == 400
     body = image[20:]
@@ -122,9 +122,9 @@ def test_poses_stand_side_by_side_in_one_framing():
 
 def test_colours_show_the_distance_to_the_first():
     vertices, triangles = cube()
-    poses = [("same", vertices), ("moved", vertices + [0.0, 0.0, 0.2])]
-    view = look_at(np.stack([positions for _, positions in poses]))
-    limits = limits_of(view, np.stack([positions for _, positions in poses]))
+    poses = [DrawnPose("same", vertices), DrawnPose("moved", vertices + [0.0, 0.0, 0.2])]
+    view = look_at(np.stack([positions for _, positions, _ in poses]))
+    limits = limits_of(view, np.stack([positions for _, positions, _ in poses]))
     image = np.asarray(side_by_side(poses, triangles, view, limits, width=400, most=0.2)).astype(int)
     middle = image.shape[0] // 3
     warmth = image[..., 0] - image[..., 2]
@@ -134,7 +134,7 @@ def test_colours_show_the_distance_to_the_first():
 def test_an_animation_moves_in_real_time_and_holds_its_frames():
     vertices, triangles = cube()
     motion = np.stack([vertices + [0.1 * i, 0, 0] for i in range(9)])
-    data = animation([("run", motion)], triangles, frame_seconds=0.1, max_frames=3, width=120)
+    data = animation([Movement("run", motion)], triangles, frame_seconds=0.1, max_frames=3, width=120)
     image = Image.open(BytesIO(data))
     assert image.format == "WEBP" and image.n_frames == 3
     image.load()

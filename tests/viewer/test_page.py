@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator, load
+from ldsim.viewer.player import PlayedMotion
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server
@@ -121,7 +123,7 @@ def test_a_drag_with_the_mouse_moves_the_surface_as_the_api_says(tab: Tab, playa
     tab.mouse("mouseMoved", (x - 10, y - 30))
     tab.mouse("mouseMoved", to)
     tab.wait("ldsim.grabs === 1")
-    (held,) = server._session._held.values()
+    (held,) = server._session.hands.held.values()
     end = time.monotonic() + 60
     while not np.allclose(tab.evaluate(f"ldsim.place(0, {held.target.tolist()})"), to, atol=1.5):
         assert time.monotonic() < end, "the target is not where the pointer is"
@@ -154,6 +156,33 @@ def test_shift_leaves_the_pull_behind_and_a_click_on_it_takes_it_away(tab: Tab, 
     tab.mouse("mousePressed", to)
     tab.mouse("mouseReleased", to)
     tab.wait("ldsim.grabs === 0")
+
+
+def test_undo_takes_a_pull_back_and_a_motion_is_played_from_its_name(tab: Tab, playable: Path, server: Server) -> None:
+    session = server._session
+    _, at = facing_vertex(tab, load(playable))
+    tab.mouse("mousePressed", at)
+    tab.mouse("mouseMoved", (at[0], at[1] - 50))
+    tab.wait("ldsim.grabs === 1")
+    for _ in range(3):
+        click(tab, "step")
+    tab.wait("ldsim.q(0).some((x) => Math.abs(x) > 1e-4)")
+    tab.mouse("mouseReleased", (at[0], at[1] - 50))
+    tab.evaluate("dispatchEvent(new KeyboardEvent('keydown', { key: 'z', ctrlKey: true }))")
+    tab.wait("ldsim.q(0).every((x) => x === 0) && ldsim.grabs === 0")
+    tip = session._shown[0].surface.rest[session._shown[0].surface.rest[:, 0].argmax()]
+    drag = Drag(0, tip, np.tile(tip + [0.0, 0.05, 0.0], (4, 1)), 0.03, 25.0)
+    session.player.add("lifted", PlayedMotion(Motion("lifted", 4, (drag,)), "test"))
+    click(tab, "reset")
+    tab.wait("document.getElementById('motions').textContent === 'lifted · test, 4 frames'")
+    click(tab, "replay")
+    tab.wait("document.getElementById('replay').title === 'Stop'")
+    for _ in range(3):
+        click(tab, "step")
+    tab.wait("ldsim.grabs === 1 && document.querySelectorAll('#pulls circle').length === 1")
+    for _ in range(2):
+        click(tab, "step")
+    tab.wait("document.getElementById('replay').title.startsWith('Play') && ldsim.grabs === 0")
 
 
 def test_a_finger_pulls_too(tab: Tab, playable: Path) -> None:
@@ -237,7 +266,7 @@ def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, playable: Pat
 
 def test_a_pull_is_recorded_in_the_browser_and_played_back(browser: Tab, tmp_path: Path) -> None:
     body = solid(1)
-    recorder = Recorder(tmp_path / "motion.csv", 25.0, 0.05, {"recorded_on": "beam"})
+    recorder = Recorder(tmp_path / "motion.csv", (25.0, 0.05), {"recorded_on": "beam"})
     with served(record_server(body, "beam", recorder, 0, until_closed=False)) as url:
         for tab in opened(browser, url):
             click(tab, "record")
@@ -254,11 +283,11 @@ def test_a_pull_is_recorded_in_the_browser_and_played_back(browser: Tab, tmp_pat
             tab.mouse("mouseReleased", (x, y - 60))
             tab.wait("ldsim.grabs === 0")
             click(tab, "record")
-            tab.wait("document.getElementById('takes').textContent.includes('motion · 13 frames')")
+            tab.wait("document.getElementById('motions').textContent.includes('motion · 13 frames')")
             motion = read_recording(tmp_path / "motion.csv", "m")
             assert [(drag.start, drag.stop) for drag in motion.drags] == [(3, 13)]
             click(tab, "replay")
-            tab.wait("document.getElementById('replay').textContent.includes('Stop')")
+            tab.wait("document.getElementById('replay').title === 'Stop'")
             for _ in range(14):
                 click(tab, "step")
-            tab.wait("document.getElementById('replay').textContent.includes('Play')")
+            tab.wait("document.getElementById('replay').title.startsWith('Play')")

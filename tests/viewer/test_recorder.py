@@ -24,14 +24,15 @@ TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
 
 def steps(recorder: Recorder, simulator: Simulator, count: int) -> None:
     for _ in range(count):
-        recorder.prepare(simulator)
+        recorder.prepare()
+        recorder.player.prepare([simulator])
         simulator.step()
 
 
 def record(path: Path) -> tuple[Recorder, Simulator, Array]:
     """Two pulls, the second without a frame after the first; the displacement at the end."""
     simulator = full_simulator(BODY)
-    recorder = Recorder(path, 25.0, 0.03, {"recorded_on": "beam"})
+    recorder = Recorder(path, (25.0, 0.03), {"recorded_on": "beam"})
     recorder.record(True)
     steps(recorder, simulator, 2)
     for lift in (0.03, -0.02):
@@ -63,16 +64,16 @@ def test_a_recording_replayed_in_the_full_space_ends_where_the_hand_left_it(tmp_
 def test_playing_back_repeats_it_and_ends(tmp_path: Path) -> None:
     recorder, simulator, u = record(tmp_path / "m.csv")
     simulator.reset()
-    recorder.replay(True, simulator)
+    recorder.player.play([simulator])
     steps(recorder, simulator, 14)
     np.testing.assert_allclose(simulator.displacement(), u, atol=1e-8)
-    assert recorder.replaying
+    assert recorder.player.playing
     steps(recorder, simulator, 1)
-    assert not recorder.replaying and not simulator.grabs
+    assert not recorder.player.playing and not simulator.grabs
 
 
 def test_a_grab_that_lasts_no_frame_leaves_no_trace(tmp_path: Path) -> None:
-    simulator, recorder = full_simulator(BODY), Recorder(tmp_path / "m.csv", 25.0, 0.03, {})
+    simulator, recorder = full_simulator(BODY), Recorder(tmp_path / "m.csv", (25.0, 0.03), {})
     recorder.record(True)
     recorder.grab(simulator, TIP, TIP).release()
     recorder.release()
@@ -82,15 +83,15 @@ def test_a_grab_that_lasts_no_frame_leaves_no_trace(tmp_path: Path) -> None:
 
 
 def test_with_nothing_recorded_there_is_nothing_to_play(tmp_path: Path) -> None:
-    with pytest.raises(MotionError, match="nothing to play back"):
-        Recorder(tmp_path / "m.csv", 25.0, 0.03, {}).replay(True, full_simulator(BODY))
+    with pytest.raises(MotionError, match="nothing to play"):
+        Recorder(tmp_path / "m.csv", (25.0, 0.03), {}).player.play([full_simulator(BODY)])
 
 
 def test_a_file_that_cannot_be_written_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="cannot be written"):
-        Recorder(tmp_path / "nowhere" / "m.csv", 25.0, 0.03, {})
+        Recorder(tmp_path / "nowhere" / "m.csv", (25.0, 0.03), {})
     (tmp_path / "folder").mkdir()
-    recorder = Recorder(tmp_path / "folder", 25.0, 0.03, {})
+    recorder = Recorder(tmp_path / "folder", (25.0, 0.03), {})
     recorder.record(True)
     with pytest.raises(MotionError, match="cannot be written"):
         recorder.record(False)
@@ -101,22 +102,24 @@ def test_every_recording_is_a_take_until_it_is_deleted(tmp_path: Path) -> None:
     recorder.record(True)
     steps(recorder, simulator, 5)
     recorder.record(False)
-    assert recorder.status()["takes"] == {"m": 14, "m-2": 5} and recorder.take == "m-2"
+    player = recorder.player
+    assert player.status()["motions"] == {"m": "14 frames", "m-2": "5 frames"} and player.chosen == "m-2"
     assert read_recording(tmp_path / "m.csv", "m").frames == 14
-    recorder.choose("m")
-    recorder.replay(True, simulator)
+    player.choose("m")
+    player.play([simulator])
     steps(recorder, simulator, 14)
-    assert recorder.replaying
-    recorder.replay(False, simulator)
+    with pytest.raises(MotionError, match="a motion is being played"):
+        recorder.discard("m")
+    player.stop([simulator])
     recorder.discard("m")
-    assert recorder.take == "m-2" and not (tmp_path / "m.csv").exists() and (tmp_path / "m-2.csv").exists()
-    with pytest.raises(MotionError, match="there is no take 'm'; there are m-2"):
-        recorder.choose("m")
+    assert player.chosen == "m-2" and not (tmp_path / "m.csv").exists() and (tmp_path / "m-2.csv").exists()
+    with pytest.raises(MotionError, match="there is no motion 'm' to play; there are m-2"):
+        player.choose("m")
 
 
 def test_a_motion_that_was_given_is_forgotten_but_its_file_is_kept(tmp_path: Path) -> None:
     record(tmp_path / "given.csv")
     given = read_recording(tmp_path / "given.csv", "given")
-    recorder = Recorder(tmp_path / "m.csv", 25.0, 0.03, {}, given)
+    recorder = Recorder(tmp_path / "m.csv", (25.0, 0.03), {}, given)
     recorder.discard("given")
-    assert recorder.status()["takes"] == {} and (tmp_path / "given.csv").exists()
+    assert recorder.player.pieces == {} and (tmp_path / "given.csv").exists()

@@ -189,7 +189,8 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
             ({"kind": "spaces", "value": ["fluid"]}, "offered are latent, linear, full"),
             ({"kind": "colour", "value": "smell"}, "known are plain"),
             ({"kind": "record", "value": True}, "nothing is recorded here"),
-            ({"kind": "replay", "value": True}, "nothing is played back here"),
+            ({"kind": "undo"}, "nothing to undo"),
+            ({"kind": "replay", "value": True}, "nothing to play: there is no motion yet"),
         ):
             page.send(json.dumps(message))
             assert words in next_of(page, "notice")["text"]
@@ -200,14 +201,14 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
 
 def test_a_motion_for_another_solid_ends_its_playback_and_is_told(tmp_path: Path) -> None:
     drag = Drag(3, np.array([9.0, 0.0, 0.0]), np.full((4, 3), 9.0), 0.01, 30.0)
-    recorder = Recorder(tmp_path / "m.csv", 30.0, 0.01, {}, Motion("foreign", 10, (drag,)))
+    recorder = Recorder(tmp_path / "m.csv", (30.0, 0.01), {}, Motion("foreign", 10, (drag,)))
     with served(record_server(solid(1), "beam", recorder, 0, until_closed=False)) as url, joined(url) as page:
         page.send('{"kind": "pause", "value": false}')
         page.send('{"kind": "replay", "value": true}')
         text = next_of(page, "notice")["text"]
         assert text.startswith("the playback ends: the grab at frame 3 hits no vertex")
         assert "check that the motion belongs to this mesh" in text
-        assert next_frame(page) and not recorder.replaying
+        assert next_frame(page) and not recorder.player.playing
 
 
 def test_spaces_stand_side_by_side_and_each_has_its_block(url: str) -> None:

@@ -7,9 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.simulate import simulate
+from ldsim.errors import LdsimError
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.simulator import Simulator, load
 from ldsim.viewer import protocol
-from ldsim.viewer.session import Session, rounded_up
+from ldsim.viewer.colours import rounded_up
+from ldsim.viewer.player import PlayedMotion
+from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience, Errors
 
 
@@ -41,7 +47,7 @@ def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(playable: Path
     np.testing.assert_allclose(full.displacement(), before, atol=1e-9)
     np.testing.assert_allclose(full.velocity(), linear.velocity(), atol=1e-6)
     assert session._simulated == pytest.approx(6 * linear.scene.time_step) and full.time == linear.time
-    (held,) = session._held.values()
+    (held,) = session.hands.held.values()
     assert [handle.grab.target.tolist() for handle in held.handles] == [held.target.tolist()] * 2
     session.tell(1, protocol.ReleaseMessage(id=5))
     session.obey()
@@ -72,6 +78,91 @@ def test_a_pull_at_a_pinned_place_is_told(playable: Path) -> None:
     session.tell(1, protocol.GrabMessage(id=1, point=point, target=point))
     session.obey()
     assert len(said) == 1 and "pinned" in said[0]
+
+
+def told(session: Session, *messages: protocol.Message) -> None:
+    for message in messages:
+        session.tell(1, message)
+    session.obey()
+
+
+def stepped(session: Session, count: int) -> None:
+    for _ in range(count):
+        session.step()
+
+
+def test_undo_goes_back_to_before_the_last_pull_and_the_one_before_that(playable: Path) -> None:
+    said: list[str] = []
+    session = session_of(playable, said)
+    (linear,) = session._shown
+    stepped(session, 3)
+    first = linear.save()
+    pull(session, linear)
+    stepped(session, 4)
+    kept = session.hands.held[5].target
+    second, shape = linear.save(), linear.displacement()
+    told(session, protocol.ButtonMessage(kind="reset"))
+    stepped(session, 2)
+    assert not linear.grabs
+    told(session, protocol.ButtonMessage(kind="undo"))
+    np.testing.assert_array_equal(linear.displacement(), shape)
+    assert linear.time == second.number * linear.scene.time_step == pytest.approx(session._simulated)
+    np.testing.assert_array_equal(session.hands.held[5].handles[0].target, kept)
+    told(session, protocol.SpacesMessage(value=("full",)), protocol.ButtonMessage(kind="undo"))
+    (full,) = session._shown
+    assert full.space.name == "full" and not full.grabs and not session.hands.held
+    linear.restore(first)
+    np.testing.assert_allclose(full.displacement(), linear.displacement(), atol=1e-9)
+    told(session, protocol.ButtonMessage(kind="undo"))
+    assert len(said) == 2 and said[-1].startswith("nothing to undo")  # the first told that a space is opened
+
+
+def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(playable: Path) -> None:
+    session = session_of(playable, [])
+    (linear,) = session._shown
+    pull(session, linear)
+    told(session, protocol.GravityMessage(value=(0, 0, 1)), protocol.NumberMessage(kind="stiffness", value=2.0))
+    told(session, protocol.ButtonMessage(kind="undo"))
+    assert linear.gravity.tolist() == [0, 0, 1] and linear.material_scale == 2.0
+
+
+def a_motion(simulator: Simulator) -> Motion:
+    tip = simulator.surface.rest[simulator.surface.rest[:, 0].argmax()]
+    targets = tip + np.linspace(0, 0.05, 4)[:, None] * [0.0, 1.0, 0.0]
+    down = np.tile([0.0, -3.0, 0.0], (6, 1))
+    return Motion("up", 6, (Drag(1, tip, targets, 0.03, 25.0),), gravity=down)
+
+
+def test_a_motion_of_the_run_is_played_in_every_space_as_it_ran(playable: Path) -> None:
+    session = session_of(playable, [])
+    motion = a_motion(session._shown[0])
+    session.player.add("up", PlayedMotion(motion, "test"))
+    told(session, protocol.SpacesMessage(value=("linear", "full")))
+    stepped(session, 2)
+    told(session, protocol.SwitchMessage(kind="replay", value=True))
+    stepped(session, 6)
+    linear, full = session._shown
+    expected = list(simulate(FullStepper(full.scene), motion))[-1].state.u
+    np.testing.assert_allclose(full.displacement(), expected, atol=1e-7)
+    assert np.abs(expected).max() > 1e-3 and not linear.grabs  # the drag is over
+    assert session.status()["player"] == {"playing": True, "motions": {"up": "test, 6 frames"}, "chosen": "up"}
+    stepped(session, 1)
+    assert not session.player.playing and full.gravity.tolist() == list(session.look.gravity)
+
+
+def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(playable: Path) -> None:
+    session = session_of(playable, [])
+    session.player.add("up", PlayedMotion(a_motion(session._shown[0])))
+    told(session, protocol.SwitchMessage(kind="replay", value=True))
+    stepped(session, 3)
+    (shown,) = session._played_grabs()
+    np.testing.assert_array_equal(shown.target, session._shown[0].grabs[0].target)
+    with pytest.raises(LdsimError, match="gravity stays as it is while a motion is recorded or played"):
+        session._do(1, protocol.GravityMessage(value=(0, 0, 0)))
+    pull(session, session._shown[0])
+    assert not session.player.playing and len(session._shown[0].grabs) == len(session.hands.held) == 1
+    told(session, protocol.ButtonMessage(kind="undo"), protocol.ButtonMessage(kind="undo"))
+    assert session._simulated == 0.0
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0.0, 0.0), (1.0, 1.0), (1.01, 2.0), (420.0, 500.0), (0.0051, 0.01)])

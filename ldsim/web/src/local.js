@@ -10,6 +10,7 @@ const PATIENCE = 20; // steps in a row that may be lost before the solid starts 
 
 const HELD = 3; // an outcome of ldsim_step
 const MOST = 16; // pulls at once
+const POSES = 50; // kept for undo
 
 export class Local {
   /** about: what Python says of the solid; packed: the library and the models in base64 (ldsim/export/playground.py). */
@@ -23,7 +24,7 @@ export class Local {
     const { rest, movable, triangles, timeStep, gravity } = models.latent;
     const surface = Array.from(new Set(triangles)).sort((a, b) => a - b); // the vertices on the surface
     const number = new Map(surface.map((v, i) => [v, i]));
-    Object.assign(this, { models, h: timeStep, pull: about.pull, pulls: new Map() });
+    Object.assign(this, { models, h: timeStep, pull: about.pull, pulls: new Map(), poses: [] });
     this.look = { gravity, stiffness: 1, speed: 1, paused: false, colour: "plain" };
     this.solids = {};
     this.blocks = {};
@@ -66,7 +67,7 @@ export class Local {
   }
 
   status() {
-    return { ...this.look, kind: "status", offered: Object.keys(this.solids), spaces: this.names, recorder: null };
+    return { ...this.look, kind: "status", offered: Object.keys(this.solids), spaces: this.names, recorder: null, player: null };
   }
 
   // The clock
@@ -114,6 +115,7 @@ export class Local {
   grab({ id, point, target }) {
     const { radius, stiffness } = this.pull, held = this.models.latent.held(point, radius);
     if (!held.length || this.pulls.has(id) || this.pulls.size >= MOST) return;
+    this.remember();
     const grabs = this.shown.map((solid) => solid.grab(held, target, stiffness));
     const grips = this.shown.map((solid, i) => solid.centroid(grabs[i]));
     this.pulls.set(id, { held, start: target, target, grabs, grips, aims: grips });
@@ -150,9 +152,31 @@ export class Local {
   }
 
   reset() {
+    this.remember();
     this.pulls.clear();
     for (const solid of this.shown) solid.reset();
     Object.assign(this, { records: [], failures: 0, owed: 0, seconds: 0 });
+  }
+
+  /** Keeps the present pose of every space, with the pulls, for an undo. */
+  remember() {
+    const states = Object.entries(this.solids).map(([name, solid]) => [name, solid.save()]);
+    const pulls = Array.from(this.pulls, ([id, pull]) => [id, { ...pull }]);
+    this.poses.push({ states, pulls, names: this.names, seconds: this.seconds });
+    if (this.poses.length > POSES) this.poses.shift();
+  }
+
+  /** Back to before the last pull or return to rest, in the spaces shown then. */
+  undo() {
+    const pose = this.poses.pop();
+    if (!pose) {
+      this.handlers.notice({ text: "nothing to undo: undo goes back to before the last pull or return to rest" });
+      return;
+    }
+    for (const [name, state] of pose.states) this.solids[name].restore(state);
+    Object.assign(this, { pulls: new Map(pose.pulls), seconds: pose.seconds, names: pose.names, records: [], failures: 0, owed: 0 });
+    this.shown = this.names.map((name) => this.solids[name]);
+    this.condition();
   }
 
   /** Those that go on keep their pose; one that comes begins at rest, under the same pulls. */

@@ -5,7 +5,7 @@ import { byId, digits, fixed, gradient, make } from "./dom.js";
 const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
 const NARROW = 640; // pixels of a window in which the controls would cover the solid: they begin folded
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
-const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", 0: "home", c: "capture", "?": "help", h: "help" };
+const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", u: "undo", 0: "home", c: "capture", "?": "help", h: "help" };
 const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
 
 export class Panel {
@@ -19,6 +19,7 @@ export class Panel {
     byId("pause").onclick = () => send("pause", { value: !this.status.paused });
     byId("step").onclick = () => send("step");
     byId("reset").onclick = () => send("reset");
+    byId("undo").onclick = () => send("undo");
     byId("speed").onchange = () => send("speed", { value: Number(byId("speed").value) });
     byId("stiffness").oninput = () => send("stiffness", { value: 10 ** Number(byId("stiffness").value) });
     byId("gravity").onchange = () => this.sendGravity();
@@ -35,9 +36,9 @@ export class Panel {
     if (innerWidth <= NARROW) document.body.classList.add("folded");
     byId("fold").onclick = () => document.body.classList.toggle("folded");
     byId("record").onclick = () => send("record", { value: !this.status.recorder.recording });
-    byId("replay").onclick = () => send("replay", { value: !this.status.recorder.replaying });
-    byId("takes").onchange = () => send("take", { value: byId("takes").value });
-    byId("discard").onclick = () => send("discard", { value: this.status.recorder.take });
+    byId("replay").onclick = () => send("replay", { value: !this.status.player.playing });
+    byId("motions").onchange = () => send("take", { value: byId("motions").value });
+    byId("discard").onclick = () => send("discard", { value: this.status.player.chosen });
     // What only a server computes is not offered where the page steps by itself.
     if (solid.mode === "local") for (const element of document.querySelectorAll("[data-served]")) element.remove();
     this.makeTilt();
@@ -45,8 +46,8 @@ export class Panel {
   }
 
   key(event) {
-    const press = KEYS[event.key];
-    if (!press || event.ctrlKey || event.metaKey || event.target.closest?.("button, select, input")) return;
+    const commanded = event.ctrlKey || event.metaKey, press = commanded ? event.key === "z" && "undo" : KEYS[event.key];
+    if (!press || event.target.closest?.("button, select, input")) return;
     event.preventDefault();
     byId(press).click();
   }
@@ -94,17 +95,26 @@ export class Panel {
     this.showSpaces(status);
     byId("recorder").hidden = status.recorder === null;
     document.body.classList.toggle("recording", Boolean(status.recorder?.recording));
+    this.showPlayer(status);
     if (!status.recorder) return;
-    const { recording, replaying, takes, take, file } = status.recorder, busy = recording || replaying;
+    const { recording, file } = status.recorder;
     byId("record").textContent = recording ? "■ Stop" : "● Record";
-    byId("replay").textContent = replaying ? "■ Stop" : "▶ Play back";
-    byId("replay").disabled = recording || !take;
-    byId("file").textContent = take ? "" : `A take goes to ${file}.`;
-    byId("take").hidden = !take;
-    for (const name of ["takes", "discard"]) byId(name).disabled = busy;
-    const entries = Object.entries(takes).map(([name, frames]) => make("option", { value: name }, `${name} · ${frames} frames`));
-    byId("takes").replaceChildren(...entries);
-    byId("takes").value = take;
+    byId("file").textContent = status.player.chosen ? "" : `A take goes to ${file}.`;
+  }
+
+  /** The motions of a run, or the takes recorded here. */
+  showPlayer({ player, recorder }) {
+    byId("player").hidden = !player?.chosen;
+    if (byId("player").hidden) return;
+    const { playing, motions, chosen } = player, busy = playing || Boolean(recorder?.recording);
+    byId("replay").textContent = playing ? "■" : "▶";
+    byId("replay").title = playing ? "Stop" : "Play this motion from rest";
+    byId("replay").disabled = Boolean(recorder?.recording);
+    for (const name of ["motions", "discard"]) byId(name).disabled = busy;
+    byId("discard").hidden = !recorder;
+    const entries = Object.entries(motions).map(([name, words]) => make("option", { value: name }, `${name} · ${words}`));
+    byId("motions").replaceChildren(...entries);
+    byId("motions").value = chosen;
   }
 
   showSpaces({ offered, spaces }) {

@@ -107,6 +107,19 @@ export class Solid {
   move = (grab, target) => this.runtime.check(this.library.ldsim_move(this.pointer, grab, this.vector(target)));
   release = (grab) => this.runtime.check(this.library.ldsim_release(this.pointer, grab));
   reset = () => this.library.ldsim_reset(this.pointer);
+
+  /** The state with its grabs, as bytes to come back to. */
+  save() {
+    const size = this.library.ldsim_state_size(this.pointer);
+    return this.runtime.filled(Uint8Array, size, (out) => this.library.ldsim_save(this.pointer, out));
+  }
+
+  restore(state) {
+    const at = this.runtime.put(state), code = this.library.ldsim_restore(this.pointer, at, state.length);
+    this.library.free(at);
+    this.runtime.check(code);
+  }
+
   setGravity = (gravity) => this.runtime.check(this.library.ldsim_set_gravity(this.pointer, this.vector(gravity)));
   setStiffness = (scale) => this.runtime.check(this.library.ldsim_set_stiffness(this.pointer, scale));
 

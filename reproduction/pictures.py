@@ -1,0 +1,250 @@
+"""Every picture and film of README and the guide, from the run of the demo and the configurations as they are.
+
+    make pictures                                  all of them; needs runs/demo, runs/ci and Chromium
+    python -m reproduction.pictures film gallery   some: film, pages, gallery
+
+They go to docs/pictures/, and what each shows, with its hash, to docs/pictures/made.json: a test fails where that has
+changed since. The film's numbers go to reproduction/results/demo.json. (The drawings of the notebook, which is frozen,
+were made by the benchmarks that they show.)
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ldsim.cli.stage import Bars
+from ldsim.export.playback import playback
+from ldsim.export.playground import write_playground
+from ldsim.jit import one_thread
+from ldsim.mesh.surface import surface_triangles
+from ldsim.pipeline.mesh import mesh
+from ldsim.pipeline.snapshot import snapshot
+from ldsim.report.camera import limits_of, look_at_broadside, upright
+from ldsim.report.compare import compare
+from ldsim.report.drawing import DrawnPose, Movement, animation, side_by_side
+from ldsim.run import Run
+from ldsim.settings import load_settings
+from ldsim.viewer.playground import play_server, record_server
+from ldsim.viewer.recorder import Recorder
+from reproduction.bench.pipeline import ROOMS, rows_of
+from reproduction.harness import CONFIGS, PICTURES, parser, row, write_json, write_results
+from reproduction.pages import input_hashes
+from tests.viewer.browser import Tab, chromium
+from tests.viewer.served import served
+
+MADE = PICTURES / "made.json"
+LARGEST = 600_000  # bytes
+FILM_SECONDS, FILM_FRAMES, FILM_WIDTH = 3.0, 60, 960
+# What the pages look like is in these.
+PLAYGROUND = ["ldsim/web/pages/playground.html", "ldsim/web/pages/playground.css", "ldsim/web/pages/palette.css"]
+REPORT = ["ldsim/report/templates/report.html", "ldsim/report/templates/style.css", "ldsim/web/pages/palette.css"]
+COMPARISON = ["ldsim/report/templates/compare.html", *REPORT[1:]]
+DEMO = "configs/demo.yaml"
+
+
+class Album:
+    """The pictures, and what each was made from."""
+
+    def __init__(self) -> None:
+        self.made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
+
+    def keep(self, name: str, data: bytes, shows: Sequence[str]) -> None:
+        """Write a picture that shows these files of the project."""
+        assert len(data) < LARGEST, f"{name} has {len(data)} bytes"
+        (PICTURES / name).write_bytes(data)
+        self.made[name] = input_hashes(shows)
+        write_json(MADE, dict(sorted(self.made.items())))
+        print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
+
+
+def film(runs: Path, album: Album) -> None:
+    """The demo pulled at in a motion that nothing had seen: finite elements and the space that simulate chose."""
+    report = json.loads((runs / "demo" / "report" / "report.json").read_text(encoding="utf-8"))
+    with Run.open(runs / "demo") as run:
+        space, h = run.chosen, run.scene.time_step
+        motion = next(name for name, each in run.motions.items() if each.role == "test")
+        step = {name: _entry(report, name, motion)["median_step_ms"] for name in ("full", space)}
+        count = report["dims"]["r"] if space == "latent" else report["dims"]["kp"]
+        words = {
+            "full": f"finite elements, {3 * len(run.scene.free):,} numbers: {step['full']:.3g} ms a step",
+            space: f"the model, {count} numbers: {step[space]:.2g} ms a step",
+        }
+        shown = [playback(run, motion, name) for name in words]
+        moved = np.array([np.linalg.norm(shown[0].displacement(i), axis=1).mean() for i in range(shown[0].frames)])
+        length = min(round(FILM_SECONDS / h), shown[0].frames)
+        first = int(np.clip(int(moved.argmax()) - length // 2, 0, shown[0].frames - length))
+        frames = range(first, first + length, max(length // FILM_FRAMES, 1))
+        turn = upright(run.scene.gravity)
+        rest = run.scene.mesh.vertices @ turn.T
+        movements = []
+        for one, title in zip(shown, words.values(), strict=True):
+            positions = np.stack([rest + one.displacement(i) @ turn.T for i in frames])
+            pulls = [
+                [(at[held].mean(axis=0), turn @ target) for held, target in one.pulls(i)]
+                for i, at in zip(frames, positions, strict=True)
+            ]
+            movements.append(Movement(title, positions, pulls))
+        view = look_at_broadside(rest, np.concatenate([each.positions for each in movements]))
+        pause = h * frames.step
+        data = animation(movements, surface_triangles(run.scene.mesh), pause, view, len(frames), FILM_WIDTH)
+        album.keep("demo.webp", data, [DEMO])
+        cells = run.scene.mesh.n_cells
+    error = _entry(report, space, motion)["online_error"]["relative"]
+    rows = [
+        *rows_of(report),
+        row("demo", "cells", cells),
+        row("demo", "full step over the chosen space's", step["full"] / step[space]),
+        row("demo", "median step, full, test", step["full"], "ms"),
+        row("demo", "median step, chosen, test", step[space], "ms"),
+        row("demo", "online error, chosen, test", error),
+    ]
+    write_results("demo", "make pictures", rows, report["machine"], report["created"], [*ROOMS, DEMO])
+
+
+def _entry(report: Any, space: str, motion: str) -> Any:
+    return next(entry for entry in report["simulate"][space] if entry["motion"] == motion)
+
+
+def pages(runs: Path, album: Album) -> None:
+    """The pages of `ldsim play`, `record`, `report`, `compare` and the exported playground, in a browser."""
+    with chromium() as tab, one_thread():
+        tab.size(1280, 800)
+        _played(tab, runs / "demo", album)
+        _recorded(tab, album)
+        _exported(tab, runs / "demo", album)
+        _reported(tab, runs, album)
+
+
+READY = "window.ldsim !== undefined && ldsim.ready"
+# The vertex that reaches farthest up and to the right, which an arm of the demo ends in.
+TIP = """(() => {
+  const count = ldsim.positions(0).length / 3;
+  let best = [0, 0], far = -Infinity;
+  for (let i = 0; i < count; i++) {
+    const [x, y] = ldsim.screen(0, i);
+    if (x - y > far) [far, best] = [x - y, [x, y]];
+  }
+  return best;
+})()"""
+
+
+def _pull(tab: Tab, way: tuple[float, float]) -> None:
+    """Take hold a little inside of the tip, and pull."""
+    x, y = tab.evaluate(TIP)
+    at = (x - 14, y + 14)
+    tab.mouse("mousePressed", at)
+    for i in range(1, 9):
+        tab.mouse("mouseMoved", (at[0] + way[0] * i / 8, at[1] + way[1] * i / 8))
+    tab.wait("ldsim.grabs === 1 || ldsim.source.pulls?.size === 1")
+    time.sleep(4)  # until it hangs on the pull
+
+
+def _picture(tab: Tab, name: str) -> bytes:
+    path = PICTURES / name
+    tab.picture(path)
+    return path.read_bytes()
+
+
+def _played(tab: Tab, run: Path, album: Album) -> None:
+    with served(play_server(run, ["latent", "linear", "full"], 0, until_closed=False)) as url:
+        tab.open(url)
+        tab.wait(READY)
+        _pull(tab, (50, -70))
+        album.keep("play.webp", _picture(tab, "play.webp"), [DEMO, *PLAYGROUND])
+        tab.mouse("mouseReleased", (0, 0))
+
+
+def _recorded(tab: Tab, album: Album) -> None:
+    section = load_settings(CONFIGS / "demo.yaml").mesh
+    assert section.shape is not None
+    folder = PICTURES / "temporary"
+    with Run(folder, "demo") as run:
+        scene = mesh(run, section.replace(shape=section.shape.replace(resolution=2)), Bars(), CONFIGS)
+    recorder = Recorder(folder / "motion.csv", (30.0, 0.02), {})
+    with served(record_server(scene, "demo", recorder, 0, until_closed=False)) as url:
+        tab.open(url)
+        tab.wait(READY)
+        tab.evaluate("document.getElementById('record').click()")
+        _pull(tab, (60, -80))
+        album.keep("record.webp", _picture(tab, "record.webp"), [DEMO, *PLAYGROUND])
+        tab.mouse("mouseReleased", (0, 0))
+    for file in folder.iterdir():
+        file.unlink()
+    folder.rmdir()
+
+
+def _exported(tab: Tab, run: Path, album: Album) -> None:
+    page = PICTURES / "temporary.html"
+    with Run.open(run) as opened:
+        write_playground(opened, page)
+    tab.open(page.as_uri())
+    tab.wait("window.ldsim && ldsim.source.seconds > 0")
+    _pull(tab, (50, -70))
+    album.keep("playground.webp", _picture(tab, "playground.webp"), [DEMO, *PLAYGROUND])
+    tab.mouse("mouseReleased", (0, 0))
+    page.unlink()
+
+
+def _reported(tab: Tab, runs: Path, album: Album) -> None:
+    tab.open((runs / "demo" / "report" / "report.html").resolve().as_uri())
+    tab.wait("document.querySelector('figure.replay')?.replay !== undefined")
+    tab.evaluate("document.querySelector('figure.replay').scrollIntoView()")
+    time.sleep(1)
+    album.keep("report.webp", _picture(tab, "report.webp"), [DEMO, *REPORT])
+    page = PICTURES / "temporary.html"
+    compare([runs / "demo", runs / "ci"], page)
+    tab.open(page.as_uri())
+    time.sleep(1)
+    album.keep("compare.webp", _picture(tab, "compare.webp"), [DEMO, "configs/ci.yaml", *COMPARISON])
+    page.unlink()
+    page.with_suffix(".json").unlink()
+
+
+def gallery(runs: Path, album: Album) -> None:
+    """Every example: at rest, and where its first motion moves it most, in the full space."""
+    for config in sorted(CONFIGS.glob("*.yaml")):
+        settings = load_settings(config)
+        if "LDSIM_DATA" in config.read_text(encoding="utf-8"):
+            continue  # the paper's own meshes and recordings do not ship with the project
+        folder = runs / "gallery" / config.stem
+        with Run(folder, config.stem) as run:
+            mesh(run, settings.mesh, Bars(), CONFIGS)
+            snapshot(run, settings.snapshot, Bars(), CONFIGS)
+        with Run.open(folder) as run:
+            shown = playback(run, None, "full")
+            turn = upright(run.scene.gravity)
+            rest = run.scene.mesh.vertices @ turn.T
+            moved = [np.linalg.norm(shown.displacement(i), axis=1).max() for i in range(shown.frames)]
+            most = int(np.argmax(moved))
+            at = rest + shown.displacement(most) @ turn.T
+            pulls = [(at[held].mean(axis=0), turn @ target) for held, target in shown.pulls(most)]
+            everything = np.concatenate([rest, at, *(np.stack(pull) for pull in pulls)])
+            view = look_at_broadside(rest, everything)
+            poses = [DrawnPose("at rest", rest), DrawnPose(f"{shown.motion}, {shown.time(most):.2f} s", at, pulls)]
+            picture = side_by_side(poses, surface_triangles(run.scene.mesh), view, limits_of(view, everything), 720)
+        path = PICTURES / f"example_{config.stem}.webp"
+        picture.save(path, "WEBP", quality=80)
+        album.keep(path.name, path.read_bytes(), [f"configs/{config.name}"])
+
+
+KINDS: dict[str, Callable[[Path, Album], None]] = {"film": film, "pages": pages, "gallery": gallery}
+
+
+def main() -> None:
+    arguments = parser("pictures", __doc__, "")
+    arguments.add_argument("kinds", nargs="*", choices=[*KINDS, []], help="some only")
+    arguments.add_argument("--runs", type=Path, default=Path("runs"), help="folder of all runs")
+    chosen = arguments.parse_args()
+    album = Album()
+    for kind in chosen.kinds or KINDS:
+        KINDS[kind](chosen.runs, album)
+
+
+if __name__ == "__main__":
+    main()
