@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -59,10 +59,6 @@ class Header:
     notes: Mapping[str, str | float | int] = field(default_factory=dict)
     ldsim_version: str = ""
     created: str = ""
-
-    def with_settings(self, settings: str) -> Header:
-        """The same of other settings."""
-        return replace(self, settings=settings)
 
 
 def file_hash(path: Path) -> str:
@@ -180,11 +176,6 @@ def pieces(values: NDArray[Any], counts: Indices) -> list[NDArray[Any]]:
     if counts.sum() != len(values) or (counts < 0).any():
         raise ValueError(f"{len(values)} values are there, their counts add up to {counts.sum()}")
     return np.split(values, np.cumsum(counts)[:-1]) if len(counts) else []
-
-
-def dataset_names(file: h5py.File) -> list[str]:
-    """Paths of all datasets, sorted."""
-    return list(datasets(file))
 
 
 def check_datasets(file: h5py.File, kind: str, path: Path, sizes: Mapping[str, int] | None = None) -> None:

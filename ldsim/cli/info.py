@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ldsim.artefacts.store import dataset_names, read_header, reading
+from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.store import read_header, reading
 from ldsim.cli.app import printable
 from ldsim.report.overview import told
 
@@ -27,8 +28,7 @@ def command(file: Path) -> None:
         say("settings:")
         say("".join(f"  {line}\n" for line in header.settings.splitlines()).rstrip("\n"))
         say("datasets:")
-        for name in dataset_names(artefact):
-            dataset = artefact[name]
+        for name, dataset in datasets(artefact).items():
             shape = " × ".join(str(size) for size in dataset.shape) or "scalar"
             say(f"  {name}  {shape}  {dataset.dtype}")
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -25,6 +24,7 @@ from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
+from ldsim.space.pca import Kept
 
 Arrays = Mapping[str, NDArray[np.generic]]
 # Told after each epoch: its number, training loss and validation loss (scaled).
@@ -40,16 +40,6 @@ FINAL_RATE = 1e-3
 OPTIMISERS = {"soap": Soap, "adam": torch.optim.Adam}
 # Coordinates smaller than this share of the largest are treated as if they were as large.
 LEAST_SPREAD = 1e-5
-
-
-class TrainingCheckpoint(Protocol):
-    """Where the state of an unfinished training is kept, as plain arrays."""
-
-    def load(self) -> Arrays | None:
-        """What was saved last, or None."""
-
-    def save(self, arrays: Arrays) -> None:
-        """Replace what was saved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +64,7 @@ def train(
     r: int,
     options: TrainOptions,
     watch: Watch | None = None,
-    checkpoint: TrainingCheckpoint | None = None,
+    checkpoint: Kept | None = None,
 ) -> Trained:
     """Train an autoencoder of latent dimension r; options.r and what else is of the search are not looked at.
 
@@ -95,7 +85,7 @@ def train_ordered(
     r: int,
     options: TrainOptions,
     watch: Watch | None = None,
-    checkpoint: TrainingCheckpoint | None = None,
+    checkpoint: Kept | None = None,
 ) -> Callable[[int], Trained]:
     """Train r ordered codes: the result gives the autoencoder of so many leading ones.
 
@@ -187,7 +177,7 @@ class _Fit:
         decoder, encoder = extract(self.model, self.scale, self.examples.q, codes)
         return Trained(decoder, encoder, np.array(self.losses) * self.scale**2, self.best_epoch)
 
-    def run(self, watch: Watch | None, checkpoint: TrainingCheckpoint | None) -> None:
+    def run(self, watch: Watch | None, checkpoint: Kept | None) -> None:
         """Train to the end, from the checkpoint on if there is one."""
         options = self.options
         saved = None if checkpoint is None else checkpoint.load()

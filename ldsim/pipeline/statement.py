@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binom
@@ -116,7 +116,7 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
             bar.reach(done)
 
         run_motions(run.path("scene"), folder, motions, solver, WORKERS, show)
-    header = stage.header("tests", ("scene",), options.pulls.seed).with_settings(own)
+    header = replace(stage.header("tests", ("scene",), options.pulls.seed), settings=own)
     stores = [(MotionStore(folder, motion), motion, "test") for motion in motions]
     write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ldsim.report.figure import MARKERS, Axis, Figure, Guide, Series, curve
-from ldsim.report.frontier import frontier_figure
-from ldsim.report.numbers import MS_PER_S, pooled_seconds, rank_correlation
+from ldsim.report.frontier import MS_PER_S, frontier_figure
+from ldsim.report.numbers import pooled_seconds, rank_correlation
 from ldsim.report.runs import dimensions, reduced_runs, runs
 from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import plain_number

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ldsim.pipeline.frontier import NEARLY, Standing, equal_error, judging, standings
+from ldsim.pipeline.frontier import NEARLY, Standing, judging, standings
 from ldsim.report.figure import MARKERS, Axis, Figure, Series
 from ldsim.report.runs import runs
 from ldsim.report.schema import ROLE_NAMES, ROLES
@@ -109,6 +109,3 @@ def _marks(run: Run, name: str, space: str, found: Sequence[Standing], role: str
     y = tuple(float(f"{100 * each.error:.7g}") for each in ordered)
     labels = tuple(str(dimension(run, each.space)) for each in ordered) if role == "test" else ()
     return Series(name, space, x, y, "marks", MARKERS[space], dashed=role != "test", labels=labels)
-
-
-__all__ = ["advice", "dimension", "equal_error", "frontier_figure", "judged", "points", "spaces", "told"]

@@ -16,10 +16,11 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.pipeline.comparison import stretch
 from ldsim.pipeline.convergence import read_rounds
+from ldsim.pipeline.frontier import equal_error
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.statement import about, bound, sentence
 from ldsim.report import schema
-from ldsim.report.frontier import advice, dimension, equal_error, judged, points, spaces
+from ldsim.report.frontier import MS_PER_S, advice, dimension, judged, points, spaces
 from ldsim.report.machine import describe_machine
 from ldsim.report.options import ReportOptions
 from ldsim.report.repeat import configuration
@@ -29,8 +30,6 @@ from ldsim.run import REDUCED, SPACES, Run
 from ldsim.space.novelty import remembered
 from ldsim.space.pca import errors_against_k
 from ldsim.space.projection import reconstruction_error
-
-MS_PER_S = 1000.0
 
 
 def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> RunNumbers:

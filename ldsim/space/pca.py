@@ -236,7 +236,7 @@ def turned(found: Pca, recorded: Array, synthetic: Array, chunks: Chunks) -> Pca
 
 
 class Kept(Protocol):
-    """Where an interrupted fit finds its spectrum again, as plain arrays."""
+    """Where an interrupted fit or training finds its state again, as plain arrays."""
 
     def load(self) -> Mapping[str, NDArray[np.generic]] | None:
         """What was saved of this very fit, or None."""

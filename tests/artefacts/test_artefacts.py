@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts import atomic, partial, store
+from ldsim.artefacts.opening import datasets
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
-from ldsim.artefacts.store import Header, dataset_names, file_hash
+from ldsim.artefacts.store import Header, file_hash
 from ldsim.errors import ArtefactError
 from ldsim.run import Run
 from tests.artefacts.examples import EXAMPLES, Example, same
@@ -72,7 +73,7 @@ def test_what_is_written_is_read_back(kind: str, artefact: Path) -> None:
 def test_the_file_is_plain_hdf5_beside_which_nothing_is_left(kind: str, artefact: Path) -> None:
     with h5py.File(artefact, "r") as file:
         assert file.attrs["kind"] == kind
-        assert all(file[name].dtype.kind in "fib" for name in dataset_names(file))
+        assert all(data.dtype.kind in "fib" for data in datasets(file).values())
     assert [path.name for path in artefact.parent.iterdir() if not path.is_dir()] == [artefact.name]
 
 
@@ -134,7 +135,7 @@ def test_another_schema_version_is_refused(kind: str, artefact: Path, version: o
 
 def names_of(artefact: Path) -> list[str]:
     with h5py.File(artefact, "r") as file:
-        return dataset_names(file)
+        return list(datasets(file))
 
 
 def refusals(change: Callable[[h5py.File, str], None], kind: str, artefact: Path, names: list[str]) -> dict[str, str]:
