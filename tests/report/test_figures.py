@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib
@@ -19,7 +20,7 @@ from ldsim.report.svg import INK, PALETTE, drawn
 from ldsim.report.wording import plain_number
 from ldsim.run import Run
 from ldsim.space.novelty import Novelty
-from tests.report.small_run import FRAMES, K, R, changed, finished_run, write_run
+from tests.report.small_run import FRAMES, K, R, changed, finished_run
 
 SVG = "{http://www.w3.org/2000/svg}"
 LONG = np.arange(1.0, 20001.0)
@@ -121,9 +122,7 @@ def test_a_legend_names_each_name_once():
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    folder = tmp_path_factory.mktemp("run")
-    write_run(folder)
+def run(folder: Path) -> Iterator[Run]:
     with finished_run(folder) as opened:
         yield opened
 

@@ -7,6 +7,7 @@ import re
 from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,12 @@ from ldsim.report import replay as replay_module
 from ldsim.report.replay import Replay, make_replay, quantised
 from ldsim.report.runs import reduced_runs
 from ldsim.run import Run
-from tests.report.small_run import FRAMES, LOST_FROM, changed, finished_run, write_run
+from tests.report.small_run import FRAMES, LOST_FROM, changed, finished_run
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    folder = tmp_path_factory.mktemp("run")
-    write_run(folder, lost=("linear", "push"))
-    with finished_run(folder) as opened:
+def run(lost_folder: Path) -> Iterator[Run]:
+    with finished_run(lost_folder) as opened:
         yield opened
 
 

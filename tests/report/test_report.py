@@ -39,20 +39,6 @@ def built(run: Run, options: ReportOptions = NO_PICTURES) -> Report:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("run")
-    write_run(path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def lost_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("lost")
-    write_run(path, lost=("linear", "push"))
-    return path
-
-
-@pytest.fixture(scope="module")
 def numbers(folder: Path) -> dict[str, Any]:
     with finished_run(folder) as run:
         return built(run).numbers.model_dump()

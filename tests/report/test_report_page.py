@@ -16,7 +16,7 @@ from ldsim.report.runs import reduced_runs
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
 from tests.report.example_report import example_report
-from tests.report.small_run import FRAMES, LOST_FROM, finished_run, write_run
+from tests.report.small_run import FRAMES, LOST_FROM, finished_run
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
@@ -27,18 +27,11 @@ PLOT = "document.querySelector('#hold .plot').plot"  # of error_against_k, the f
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("run")
-    write_run(path, lost=("linear", "push"))
-    return path
-
-
-@pytest.fixture(scope="module")
-def page(folder: Path) -> Path:
-    with finished_run(folder) as run:
+def page(lost_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with finished_run(lost_folder) as run:
         figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, 0.06).items()}
         text = render_page(RunNumbers.model_validate(example_report()), figures, None, make_replay(run))
-    path = folder / "report.html"
+    path = tmp_path_factory.mktemp("page") / "report.html"
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -92,13 +85,13 @@ def test_the_page_loads_without_complaint_and_asks_for_nothing_but_itself(opened
 
 
 @pytest.mark.parametrize("space", ["full", "linear", "latent"])
-def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, folder: Path, space: str) -> None:
+def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, lost_folder: Path, space: str) -> None:
     opened.evaluate(f"{REPLAY}.choose(1)")
     seen = opened.evaluate(
         f"(() => {{ const r = {REPLAY}, shown = r.motion.spaces.find((one) => one.space === {space!r}); "
         "r.decode(shown, 7); return Array.from(r.surface.positions); })()"
     )
-    with finished_run(folder) as run:
+    with finished_run(lost_folder) as run:
         if space == "full":
             u = run.snapshots.reader("pull_1")(7, 8)[0].astype(np.float64)
         else:
@@ -110,9 +103,9 @@ def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, folder: Path, 
     np.testing.assert_allclose(np.reshape(seen, (-1, 3)), (mesh.vertices + u)[surface], atol=1e-3 * mesh.diagonal)
 
 
-def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Tab, folder: Path) -> None:
+def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Tab, lost_folder: Path) -> None:
     set_to(opened, ".scrub", 3, "input")
-    with finished_run(folder) as run:
+    with finished_run(lost_folder) as run:
         error = 1000 * reduced_runs(run, "push")["latent"].mean_error[3]
         seconds = 4 * run.scene.time_step
     assert opened.evaluate("document.querySelector('.time').textContent") == f"{seconds:.2f} s"
@@ -120,8 +113,8 @@ def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Ta
     assert float(told.split(" mm")[0]) == pytest.approx(error, rel=5e-3)
 
 
-def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, folder: Path) -> None:
-    with finished_run(folder) as run:
+def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, lost_folder: Path) -> None:
+    with finished_run(lost_folder) as run:
         seconds = LOST_FROM * run.scene.time_step
     opened.evaluate(f"{REPLAY}.show({LOST_FROM - 1})")
     assert "mm from full space" in opened.evaluate("document.querySelector('.panel.linear span').textContent")
@@ -167,12 +160,12 @@ def test_the_view_turns_by_mouse_finger_and_keys_and_zooms_by_two_fingers(opened
     assert opened.evaluate(view)[2] == pytest.approx(2, rel=0.05)
 
 
-def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, folder: Path) -> None:
+def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, lost_folder: Path) -> None:
     read = opened.evaluate(
         f"{PLOT}.curves.map(({{ name, scales: [X, Y], points }}) => "
         "[name, points.map(([x, y]) => [X.value(X.place(x)), Y.value(Y.place(y))])])"
     )
-    with finished_run(folder) as run:
+    with finished_run(lost_folder) as run:
         stored = run.pca
     true = {
         "max, training": stored.max_error,
@@ -197,11 +190,11 @@ def place_of(tab: Tab, curve: int, index: int) -> tuple[float, float]:
     return x, y
 
 
-def test_hovering_says_the_nearest_points_values(opened: Tab, folder: Path) -> None:
+def test_hovering_says_the_nearest_points_values(opened: Tab, lost_folder: Path) -> None:
     x, y = place_of(opened, 0, 2)
     opened.mouse("mouseMoved", (x + 3, y - 2))
     told = opened.evaluate(f"{PLOT}.told.innerText").splitlines()
-    with finished_run(folder) as run:
+    with finished_run(lost_folder) as run:
         error = 1000 * run.pca.max_error[2]
     assert [line.strip() for line in told[:2]] == ["max, training", "number of PCA modes: 2"]
     label, value = told[2].strip().split(": ")
