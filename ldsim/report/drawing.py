@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ldsim.arrays import Array
-from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
+from ldsim.report.camera import View, depths, limits_of, project, screen_positions
 from ldsim.report.svg import PALETTE
 
 Triangles = NDArray[np.integer]
@@ -123,45 +123,20 @@ def side_by_side(
     return _rasterised(figure)
 
 
-def animation(
-    motions: Sequence[Movement],
-    triangles: Triangles,
-    frame_seconds: float,
-    view: View | None = None,
-    max_frames: int = 60,
-    width: int = 720,
-) -> bytes:
-    """Several runs of one motion side by side, moving, as an endless WebP in real time.
+def moving_pictures(motions: Sequence[Movement], triangles: Triangles, view: View, width: int) -> Iterator[Image.Image]:
+    """One picture a frame of several runs of one motion side by side, by one camera in one framing.
 
     Of several, the colour is the distance to the first, on the scale of the replay: 98 % of the frames stay within it.
 
     Args:
         motions: of each run; all of the same number of frames.
         triangles: the surface, (t, 3), anticlockwise seen from outside.
-        frame_seconds: time between two frames of the motions.
-        view: the camera; by default three-quarters from the front.
-        max_frames: of the animation; longer motions are thinned evenly and keep their pace.
         width: of the picture, pixels.
     """
-    total = len(motions[0].positions)
-    shown = np.unique(np.linspace(0, total - 1, min(total, max_frames)).round().astype(int))
-    thinned = [
-        Movement(title, np.asarray(positions[shown], dtype=np.float64), [pulls[i] for i in shown] if pulls else ())
-        for title, positions, pulls in motions
-    ]
-    pictures = list(moving_pictures(thinned, triangles, view, width))
-    return webp(pictures, milliseconds=max(20, round(1000 * frame_seconds * total / len(shown))))
-
-
-def moving_pictures(
-    motions: Sequence[Movement], triangles: Triangles, view: View | None = None, width: int = 720
-) -> Iterator[Image.Image]:
-    """One picture a frame of several runs side by side, by one camera in one framing; see `animation`."""
     everything = np.stack([motion.positions for motion in motions])
     far = np.linalg.norm(everything[1:] - everything[0], axis=-1).max(axis=-1)
     most = float(np.percentile(far, 98)) if far.size else 0.0
     flat = everything.reshape(-1, *everything.shape[2:])
-    view = view or look_at(flat)
     targets = [point for motion in motions for pulls in motion.pulls for pull in pulls for point in pull]
     limits = limits_of(view, np.concatenate([flat.reshape(-1, 3), *(point[None] for point in targets)]))
     for frame in range(everything.shape[1]):

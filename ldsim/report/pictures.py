@@ -9,7 +9,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import Movement, Pull, animation
+from ldsim.report.drawing import Movement, Pull, moving_pictures, webp
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.run import Run
@@ -58,7 +58,8 @@ def moving_picture(run: Run) -> Picture | None:
             sequences.append(movement(space, moved))
     view = look_at_broadside(rest, np.concatenate([each.positions for each in sequences]))
     pause = float(frames[1] - frames[0]) * h
-    data = animation(sequences, surface_triangles(run.scene.mesh), pause, view, len(frames), ANIMATION_WIDTH)
+    pictures = moving_pictures(sequences, surface_triangles(run.scene.mesh), view, ANIMATION_WIDTH)
+    data = webp(list(pictures), max(20, round(1000 * pause)))
     if len(data) > ANIMATION_BYTES:
         return None
     caption = (  # frame i is the state at (i + 1) h

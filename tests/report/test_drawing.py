@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ldsim.report.camera import View, depths, limits_of, look_at, project, screen_positions
-from ldsim.report.drawing import DrawnPose, Movement, animation, draw_mesh, side_by_side
+from ldsim.report.drawing import DrawnPose, Movement, draw_mesh, moving_pictures, side_by_side, webp
 
 FRONT = View(azimuth=0.0, elevation=0.0)
 BOX = np.array([-1.0, 1.0, -1.0, 1.0])
@@ -133,8 +133,8 @@ def test_colours_show_the_distance_to_the_first():
 
 def test_an_animation_moves_in_real_time_and_holds_its_frames():
     vertices, triangles = cube()
-    motion = np.stack([vertices + [0.1 * i, 0, 0] for i in range(9)])
-    data = animation([Movement("run", motion)], triangles, frame_seconds=0.1, max_frames=3, width=120)
+    motion = np.stack([vertices + [0.1 * i, 0, 0] for i in (2, 5, 8)])
+    data = webp(list(moving_pictures([Movement("run", motion)], triangles, look_at(motion), 120)), 300)
     image = Image.open(BytesIO(data))
     assert image.format == "WEBP" and image.n_frames == 3
     image.load()
