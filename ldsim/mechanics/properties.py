@@ -11,25 +11,8 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.errors import SceneError
 from ldsim.mechanics.materials import material_number
-from ldsim.mechanics.options import MaterialChangeOptions
 
 Number = TypeVar("Number", float, Array)
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """What is different: what is None stays, and `youngs_factor` multiplies Young's modulus as it then is."""
-
-    model: str | None = None
-    youngs_modulus: float | Array | None = None
-    poisson_ratio: float | Array | None = None
-    density: float | Array | None = None
-    youngs_factor: float = 1.0
-
-    @classmethod
-    def of(cls, options: MaterialChangeOptions, density: float | None = None) -> Change:
-        """That of a configuration."""
-        return cls(**options.model_dump(), density=density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +57,33 @@ class Properties:
             np.full(n_cells, density, dtype=np.float64),
         )
 
-    def changed(self, change: Change, cells: NDArray[np.bool_] | None = None) -> Properties:
-        """With a change in some cells, (m,) bool, or in all; arrays of a change are of all cells, (m,)."""
+    def changed(
+        self,
+        cells: NDArray[np.bool_] | None = None,
+        *,
+        model: str | None = None,
+        youngs_modulus: float | Array | None = None,
+        poisson_ratio: float | Array | None = None,
+        density: float | Array | None = None,
+        youngs_factor: float = 1.0,
+    ) -> Properties:
+        """With other values in some cells, (m,) bool, or in all; arrays are of all cells, (m,), and what is None stays.
+
+        Args:
+            youngs_factor: multiplies Young's modulus as it then is.
+        """
         where = np.ones(len(self.kind), dtype=bool) if cells is None else cells
-        kind = self.kind if change.model is None else np.where(where, np.int8(material_number(change.model)), self.kind)
+        kind = self.kind if model is None else np.where(where, np.int8(material_number(model)), self.kind)
 
         def pick(new: float | Array | None, old: Array) -> Array:
             return old if new is None else np.where(where, new, old)
 
-        modulus = pick(change.youngs_modulus, self.youngs_modulus)
+        modulus = pick(youngs_modulus, self.youngs_modulus)
         return Properties(
             kind.astype(np.int8),
-            np.where(where, change.youngs_factor * modulus, modulus),
-            pick(change.poisson_ratio, self.poisson_ratio),
-            pick(change.density, self.density),
+            np.where(where, youngs_factor * modulus, modulus),
+            pick(poisson_ratio, self.poisson_ratio),
+            pick(density, self.density),
         )
 
 

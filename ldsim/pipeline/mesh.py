@@ -14,7 +14,7 @@ from ldsim.artefacts.store import file_hash
 from ldsim.errors import ArtefactError, SettingsError
 from ldsim.mechanics.dead_loads import load_force
 from ldsim.mechanics.pins import pinned_vertices
-from ldsim.mechanics.properties import Change, Properties
+from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import naming, read_mesh, read_surface
 from ldsim.mesh.mesh import Mesh, reoriented
@@ -131,10 +131,10 @@ def _properties(options: MeshOptions, made: Mesh, cell_data: Numbers) -> Propert
     if names is not None:
         modulus, ratio = _column(names.youngs_modulus, cell_data), _column(names.poisson_ratio, cell_data)
         density = _column(names.density, cell_data)
-        properties = properties.changed(Change(youngs_modulus=modulus, poisson_ratio=ratio, density=density))
+        properties = properties.changed(youngs_modulus=modulus, poisson_ratio=ratio, density=density)
     for region in options.regions:
         cells = region.where.cells_in(made, "changes")
-        properties = properties.changed(Change.of(region.material, region.density), cells)
+        properties = properties.changed(cells, density=region.density, **region.material.model_dump())
     return properties
 
 

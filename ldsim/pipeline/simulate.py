@@ -11,7 +11,6 @@ from ldsim.artefacts.records import write_simulation
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
-from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.optimise.solution import failures
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion
@@ -74,7 +73,7 @@ def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
     """The reduced spaces, with the rules and the material that are asked for."""
     scene = None
     if options.material is not None:
-        scene = with_properties(run.scene, properties_of(run.scene).changed(Change.of(options.material)))
+        scene = with_properties(run.scene, properties_of(run.scene).changed(**options.material.model_dump()))
     points = {"linear": options.linear_points, "latent": options.points}
     linear = sorted((name for name in run.cubature if name not in points), key=lambda name: int(name.split("_")[1]))
     return [run.space(name, points.get(name), scene) for name in ("linear", "latent", *linear)]

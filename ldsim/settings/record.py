@@ -14,7 +14,6 @@ import yaml
 from ldsim.artefacts.atomic import replacing, writing
 from ldsim.errors import SettingsError
 from ldsim.mechanics.grabs import usual_grip
-from ldsim.mechanics.properties import Change
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.options import Field, Positive
@@ -107,8 +106,7 @@ def _of_file(source: Path, options: RecordOptions, progress: Progress) -> tuple[
     section = settings_of(yaml.safe_load(text), str(place)).mesh
     if options.config is not None:
         progress.tell(f"{place} is written when something has been recorded; then `ldsim make {place}`")
-    material = Change(**section.material.model_dump())
-    changed = with_properties(scene, properties_of(scene).changed(material))
+    changed = with_properties(scene, properties_of(scene).changed(**section.material.model_dump()))
     return replace(changed, time_step=section.time_step), text
 
 

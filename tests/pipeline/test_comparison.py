@@ -18,7 +18,6 @@ from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag, Motion, Support
-from ldsim.mechanics.properties import Change
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
@@ -85,7 +84,7 @@ def test_the_full_space_is_timed_from_the_first_grab_on(reference: Reference) ->
 
 
 def test_with_another_material_the_spaces_run_it_and_nothing_is_judged(reference: Reference) -> None:
-    softer = with_properties(BODY, properties_of(BODY).changed(Change(youngs_factor=0.5)))
+    softer = with_properties(BODY, properties_of(BODY).changed(youngs_factor=0.5))
     U = basis()
     runs = compared(whole(U, softer), replace(reference, frames=None))
     assert len(runs["full"].seconds) == FULL_FRAMES
