@@ -27,7 +27,7 @@ from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.snapshot import snapshot
 from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.compare import compare
-from ldsim.report.drawing import DrawnPose, Movement, animation, side_by_side
+from ldsim.report.drawing import DrawnPose, Movement, moving_pictures, side_by_side, webp
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.viewer.playground import play_server, record_server
@@ -91,9 +91,8 @@ def film(runs: Path, album: Album) -> None:
             ]
             movements.append(Movement(title, positions, pulls))
         view = look_at_broadside(rest, np.concatenate([each.positions for each in movements]))
-        pause = h * frames.step
-        data = animation(movements, surface_triangles(run.scene.mesh), pause, view, len(frames), FILM_WIDTH)
-        album.keep("demo.webp", data, [DEMO])
+        pictures = moving_pictures(movements, surface_triangles(run.scene.mesh), view, FILM_WIDTH)
+        album.keep("demo.webp", webp(list(pictures), max(20, round(1000 * h * frames.step))), [DEMO])
         cells = run.scene.mesh.n_cells
     error = _entry(report, space, motion)["online_error"]["relative"]
     rows = [
