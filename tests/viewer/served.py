@@ -7,6 +7,7 @@ import contextlib
 import queue
 import threading
 from collections.abc import Iterator
+from typing import Any
 from urllib.parse import urlsplit
 
 from websockets.sync.client import ClientConnection, connect
@@ -52,5 +53,6 @@ def origin(url: str) -> str:
 
 def joined(url: str, **changes: object) -> ClientConnection:
     """The socket of a page, as a browser opens it."""
-    given: dict[str, object] = {"origin": origin(url), "open_timeout": 30, "max_size": None} | changes
-    return connect(url.replace("http", "ws", 1) + "socket", **given)  # type: ignore[arg-type]
+    given: dict[str, Any] = {"origin": origin(url), "open_timeout": 30, "max_size": None} | changes
+    found: ClientConnection = connect(url.replace("http", "ws", 1) + "socket", **given)
+    return found
