@@ -13,6 +13,7 @@ from unittest.mock import patch
 import h5py
 import numpy as np
 
+from ldsim.learn import training
 from ldsim.pipeline import pca, train
 from reproduction.faults.alone import invoke, outcome
 from reproduction.faults.bench import EXPERIMENTS, KINDS, PICTURES, Bench, own_copy, same
@@ -121,7 +122,8 @@ def _interrupted(bench: Bench, name: str, stage: str, kept: Path) -> None:
         shutil.move(folder, kept)
 
     def trial() -> str:
-        with patch.object(train, "remove_checkpoints", keep), patch.object(pca, "remove_checkpoints", keep):
+        often = patch.object(training, "CHECKPOINT", 10)  # epochs: it has 40
+        with often, patch.object(train, "remove_checkpoints", keep), patch.object(pca, "remove_checkpoints", keep):
             return bench.stage(stage, name, bench.made)
 
     run = bench.copy(name)
