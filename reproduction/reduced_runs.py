@@ -75,8 +75,8 @@ def played(
     stepper = cast(ReducedStepper, stepper)  # every element has all that is asked of it
     whole = windowed = run_reduced(stepper, full, progress=progress)
     if window is not None:
-        restart = restarts_every(stepper.scene, window)
-        windowed = run_reduced(stepper, full, restart=restart, progress=progress)
+        restarts = restarts_every(full.motion, stepper.scene, window)
+        windowed = run_reduced(stepper, full, restarts=restarts, progress=progress)
     return with_errors(whole, windowed, stepper.space, full)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,33 +68,34 @@ def run_reduced(
     stepper: ReducedStepper,
     reference: Reference,
     frames: range | None = None,
-    restart: int | None = None,
+    restarts: Sequence[int] | None = None,
     progress: Callable[[], object] | None = None,
 ) -> Trajectory:
     """Step through frames of a motion in a reduced space; a run that is lost ends in NaN.
 
     Args:
         frames: which; all where it is left out.
-        restart: start anew from the full-space run every so many frames.
+        restarts: frames, increasing, at which all of the motion is started anew from the full-space run; the first
+            is 0.
     """
     every = range(reference.motion.frames) if frames is None else frames
     made = simulate(stepper, reference.motion, frames=every, held=reference.held)
-    if restart is not None:
-        made = _restarted(stepper, reference, restart)
+    if restarts is not None:
+        made = _restarted(stepper, reference, restarts)
     return _recorded(made, len(every), stepper.space, progress)
 
 
-def _restarted(stepper: ReducedStepper, reference: Reference, every: int) -> Iterator[Frame[ReducedState]]:
-    """The frames of a motion, started from the full-space run every so many frames."""
+def _restarted(stepper: ReducedStepper, reference: Reference, restarts: Sequence[int]) -> Iterator[Frame[ReducedState]]:
+    """The frames of a motion, started anew from the full-space run at some of them."""
     motion, held, scene = reference.motion, reference.held, stepper.scene
     loads = MotionLoads(motion, scene, dict(held))
-    for first in range(0, motion.frames, every):
+    for first, stop in pairwise([*restarts, motion.frames]):
         start = None
         if first:
             u = [reference.displacement(scene, first - back) for back in (1, 2)]
             pins = [loads.pins(first - back) if first >= back else () for back in (1, 2)]
             start = stepper.state(u[0], u[1], (pins[0], pins[1]))
-        state, stop = stepper.rest() if start is None else start, min(first + every, motion.frames)
+        state = stepper.rest() if start is None else start
         for frame in simulate(stepper, motion, start, range(first, stop), held):
             if frame.lost:  # this window alone: its last good shape is held to its end, and judged there
                 yield from (frame._replace(number=i, state=state, lost=False) for i in range(frame.number, stop))
@@ -231,15 +233,17 @@ def windowed_error(
 ) -> float:
     """Online error of a motion that is restarted from its full-space run every window of so many seconds."""
     space = space.with_lifting(Lifting.of(space.scene, [reference.motion]))
-    run = run_reduced(ReducedStepper(space, options), reference, restart=restarts_every(space.scene, window))
+    run = run_reduced(
+        ReducedStepper(space, options), reference, restarts=restarts_every(reference.motion, space.scene, window)
+    )
     error = with_errors(run, run, space, reference).relative_error
     assert error is not None
     return error
 
 
-def restarts_every(scene: Scene, window: float) -> int:
-    """A window of so many seconds in frames, at least one."""
-    return max(round(window / scene.time_step), 1)
+def restarts_every(motion: Motion, scene: Scene, window: float) -> range:
+    """Frames at which windows of so many seconds, of one frame at least, begin."""
+    return range(0, motion.frames, max(round(window / scene.time_step), 1))
 
 
 @dataclass(frozen=True)
@@ -279,8 +283,7 @@ def compare_motion(
         name, stepper = fastest(space, reference, options, measured.minimisers)
         trajectory = run_reduced(stepper, reference, progress=progress)
         if reference.frames is not None:
-            windowed = run_reduced(
-                stepper, reference, restart=restarts_every(scene, measured.window), progress=progress
-            )
+            restarts = restarts_every(reference.motion, scene, measured.window)
+            windowed = run_reduced(stepper, reference, restarts=restarts, progress=progress)
             trajectory = with_errors(trajectory, windowed, space, reference)
         yield space.name, trajectory, name

@@ -18,6 +18,7 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion
+from ldsim.optimise.solution import Reason
 from ldsim.options import Field, Options
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.progress import SILENT, Progress
@@ -94,8 +95,9 @@ def read_rounds(folder: Path) -> list[Round]:
 def pull_errors(run: Run, progress: Progress = SILENT) -> Array:
     """The online error of the latent space on each pull of the validation motions, (p,); infinite where it was lost.
 
-    A pull lasts until the next one starts. A condensed space is stepped with its own potential, an autoencoder with the
-    rule that cubature chose.
+    A pull lasts until the next one starts, and begins where the full space is then, for no other answers for what is
+    left of the one before. A condensed space is stepped with its own potential, an autoencoder with the rule that
+    cubature chose.
 
     Raises:
         SettingsError: no motion has the role validation.
@@ -110,11 +112,18 @@ def pull_errors(run: Run, progress: Progress = SILENT) -> Array:
             found = snapshots.recorded(name)
             reference = Reference(found.motion, found.held, snapshots.reader(name))
             lifted = space.with_lifting(Lifting.of(run.scene, [found.motion]))
-            played = run_reduced(ReducedStepper(lifted, run.reduced_options), reference, progress=bar.update)
+            stepper = ReducedStepper(lifted, run.reduced_options)
+            played = run_reduced(stepper, reference, restarts=starts(found.motion), progress=bar.update)
             judged = with_errors(played, played, lifted, reference)
             assert judged.mean_error is not None and judged.mean_displacement is not None
-            errors.append(by_pull(found.motion, judged.mean_error, judged.mean_displacement))
+            distance = np.where(played.reason == Reason.INFINITE_START, np.nan, judged.mean_error)
+            errors.append(by_pull(found.motion, distance, judged.mean_displacement))
     return np.concatenate(errors)
+
+
+def starts(motion: Motion) -> list[int]:
+    """Frames at which a pull starts, and the first one."""
+    return sorted({drag.start for drag in motion.drags} | {0})
 
 
 def by_pull(motion: Motion, distance: Array, moved: Array) -> Array:
@@ -124,8 +133,8 @@ def by_pull(motion: Motion, distance: Array, moved: Array) -> Array:
         distance: mean vertex distance of each frame, (N,), metres; NaN or infinite where the run was lost.
         moved: mean displacement, (N,).
     """
-    starts = sorted({drag.start for drag in motion.drags} | {0})
-    pairs = zip(np.split(distance, starts[1:]), np.split(moved, starts[1:]), strict=True)
+    cuts = starts(motion)[1:]
+    pairs = zip(np.split(distance, cuts), np.split(moved, cuts), strict=True)
     errors = [float(off.sum() / path.sum()) for off, path in pairs if len(path) and path.any()]
     return np.array([math.inf if math.isnan(error) else error for error in errors])
 

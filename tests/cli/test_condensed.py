@@ -66,7 +66,8 @@ def test_it_is_judged_pull_by_pull_on_motions_that_are_kept_aside(condensed: Exp
         assert rule is not None
         space = run.space("latent").with_rule(rule)
         reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
-        played = run_reduced(ReducedStepper(space, run.reduced_options), reference)
+        starts = [drag.start for drag in recorded.motion.drags]
+        played = run_reduced(ReducedStepper(space, run.reduced_options), reference, restarts=starts)
         whole = with_errors(played, played, space, reference).relative_error
         errors = pull_errors(run)
     assert whole is not None and len(errors) == len(recorded.motion.drags)
