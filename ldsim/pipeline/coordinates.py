@@ -10,10 +10,9 @@ import numpy as np
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.mechanics.loads import Loads, MotionLoads
-from ldsim.mechanics.scene import Scene
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
-from ldsim.space.relaxation import Relaxation
+from ldsim.space.compliance import Compliance
 
 # Dimensions that are tried, for more are better only with more samples than are relaxed by default; what is enough, as
 # the mean error over the mean displacement; and frames that are looked at.
@@ -31,18 +30,18 @@ def needed_coordinates(run: Run, progress: Progress) -> int:
     with progress.bar("train: coordinates", None, "size") as bar:
         while low < high:
             middle = (low + high) // 2
-            error = slaving_error(Relaxation(run.scene, run.basis.columns(sizes[middle])), frames_of(run))
+            error = slaving_error(Compliance(run.scene, run.basis.columns(sizes[middle])), frames_of(run))
             bar.say(f"r = {sizes[middle]}: {100 * error:.2g} %")
             bar.update()
             low, high = (low, middle) if error <= ENOUGH else (middle + 1, high)
     return sizes[low]
 
 
-def slaving_error(relaxation: Relaxation, frames: Iterable[tuple[Array, Loads]]) -> float:
+def slaving_error(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> float:
     """How far frames are from the relaxed poses of their coordinates, mean distance over mean displacement.
 
-    Loads act on what is slaved as they do when the space is stepped, by the residual compliance at rest. What remains
-    is what r coordinates lose, however well V_eff is known: fast motion, and compliance that turns with the solid.
+    Loads act on what is slaved as they do when the space is stepped, by the residual compliance. What remains is what r
+    coordinates lose, however well V_eff is known: fast motion, and compliance that changes as the solid bends.
 
     Args:
         frames: displacements of the full space, (n, 3) metres, with what acts.
@@ -50,10 +49,12 @@ def slaving_error(relaxation: Relaxation, frames: Iterable[tuple[Array, Loads]])
     off, moved = 0.0, 0.0
     for u, loads in frames:
         try:
-            pose = relaxation.from_pose(u)
+            found = compliance.relaxation.from_pose(u).u + compliance.sag(loads.gravity)
         except SolverError:
             continue
-        found = pose.u + relaxation.residual(_force(relaxation.scene, u, loads))
+        for grab in loads.grabs:
+            centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
+            found += compliance.moved(grab.vertices, u, grab.stiffness * (grab.target - centre))
         off += float(np.linalg.norm(found - u, axis=1).mean())
         moved += float(np.linalg.norm(u, axis=1).mean())
     return off / moved if moved > 0 else math.inf
@@ -69,12 +70,3 @@ def frames_of(run: Run) -> Iterator[tuple[Array, Loads]]:
         count = run.snapshots.frames(name)
         for frame in np.unique(np.linspace(0, count - 1, of_each + 2).astype(int)[1:-1]).tolist():
             yield np.asarray(read(frame, frame + 1)[0], dtype=np.float64), loads.at(frame, None)
-
-
-def _force(scene: Scene, u: Array, loads: Loads) -> Array:
-    """Weight, dead loads and the springs of the grabs, (n, 3) N."""
-    force = scene.force(scene.gravity if loads.gravity is None else loads.gravity).copy()
-    for grab in loads.grabs:
-        centre = (scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
-        force[grab.vertices] += grab.stiffness * (grab.target - centre) / len(grab.vertices)
-    return force

@@ -2,7 +2,7 @@
 
 To first order a solid whose r coordinates z are held moves by C f under a force f, C = K⁻¹ − T W K⁻¹ at rest. A spring
 that pulls at the centroid of some vertices therefore acts in series with C, and what is drawn gains the field of C,
-which is local: a dimple where the solid is touched.
+which is local: a dimple where the solid is touched. Where the solid has turned, C has turned with it.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
+from scipy.linalg import polar
 
 from ldsim.arrays import Array, Indices
-from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.scene import Scene
 from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis
@@ -78,6 +78,12 @@ class Compliance:
             self._known[key] = np.stack([self.of(f) for f in force], axis=2)
         return self._known[key]
 
+    def moved(self, vertices: Indices, u: Array, force: Array) -> Array:
+        """What a force on the centroid of some vertices moves in a solid displaced by u, (n, 3) metres."""
+        R = polar((self.scene.mesh.vertices + u).T @ self.arms(vertices))[0]
+        field: Array = self.of_grab(vertices) @ (force @ R) @ R.T
+        return field
+
     def sag(self, gravity: Array | None = None) -> Array:
         """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out."""
         if self._sags is None:
@@ -87,11 +93,21 @@ class Compliance:
             self._sags = self._softness * fields[0], self._softness * fields[1]
         return self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
 
-    def stiffness(self, grabs: Sequence[Grab]) -> Array:
-        """(diag(1/k) + B C Bᵀ)⁻¹ of some grabs together, (3g, 3g), N/m."""
-        flexible = np.diag(np.repeat([1 / grab.stiffness for grab in grabs], 3))
-        for j, other in enumerate(grabs):
-            fields = self.of_grab(other.vertices)
-            for i, grab in enumerate(grabs):
-                flexible[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += fields[grab.vertices].mean(axis=0)
-        return np.asarray(np.linalg.inv(0.5 * (flexible + flexible.T)), dtype=np.float64)
+    def between(self, held: Sequence[Indices]) -> Array:
+        """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N."""
+        fields = [self.of_grab(vertices) for vertices in held]
+        moved = np.block([[field[vertices].mean(axis=0) for field in fields] for vertices in held])
+        return np.asarray(0.5 * (moved + moved.T))
+
+    def arms(self, vertices: Indices) -> Array:
+        """d, (n, 3) metres: from the middle of each cell at some vertices to each of its own vertices, summed up.
+
+        With the places y of vertices, Σ y_v ⊗ d_v is what their best rotation from rest is the polar factor of
+        (Kabsch 1976); the middles fall out, for the arms of a cell add up to nothing.
+        """
+        mesh = self.scene.mesh
+        near = mesh.cells[np.isin(mesh.cells, vertices).any(axis=1)]
+        places = mesh.vertices[near]
+        arms = np.zeros_like(mesh.vertices)
+        np.add.at(arms, near, places - places.mean(axis=1, keepdims=True))
+        return arms

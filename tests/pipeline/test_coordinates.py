@@ -16,7 +16,7 @@ from ldsim.mechanics.loads import Loads
 from ldsim.pipeline import coordinates
 from ldsim.pipeline.coordinates import needed_coordinates, slaving_error
 from ldsim.pipeline.progress import SILENT
-from ldsim.space.relaxation import Relaxation
+from ldsim.space.compliance import Compliance
 from tests.space.test_relaxation import beam, modes
 
 BODY = beam()
@@ -37,13 +37,25 @@ def equilibrium(pull: float, gravity: float = 0.0) -> tuple[Array, Loads]:
 def test_small_equilibria_are_relaxed_poses_of_however_few_coordinates(r: int) -> None:
     """To first order what is slaved and its compliance are exact: u = T z + C f."""
     frames = [equilibrium(1e-6), equilibrium(1e-6, gravity=1e-3)]
-    assert slaving_error(Relaxation(BODY, modes(BODY, r)), frames) < 1e-3
+    assert slaving_error(Compliance(BODY, modes(BODY, r)), frames) < 1e-3
 
 
 def test_more_coordinates_hold_large_equilibria_better() -> None:
     frames = [equilibrium(0.15), equilibrium(-0.1)]
-    errors = [slaving_error(Relaxation(BODY, modes(BODY, r)), frames) for r in (1, 4, 10)]
+    errors = [slaving_error(Compliance(BODY, modes(BODY, r)), frames) for r in (1, 4, 10)]
     assert errors[0] > 0.01 and errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
+
+
+def test_its_compliance_turns_with_the_solid() -> None:
+    """The end of a beam that is bent far and drawn along itself sinks in along itself."""
+    u, loads = equilibrium(0.25)
+    compliance = Compliance(BODY, modes(BODY, 4))
+    pose = compliance.relaxation.from_pose(u).u
+    (grab,) = loads.grabs
+    force = grab.stiffness * (grab.target - (BODY.mesh.vertices + u)[grab.vertices].mean(axis=0))
+    beside = u - pose
+    straight, turned = compliance.of_grab(grab.vertices) @ force, compliance.moved(grab.vertices, u, force)
+    assert np.linalg.norm(turned - beside) < 0.5 * np.linalg.norm(straight - beside)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +64,7 @@ def test_more_coordinates_hold_large_equilibria_better() -> None:
 def test_the_least_dimension_that_is_enough_is_found(
     monkeypatch: pytest.MonkeyPatch, least: int, k: int, found: int
 ) -> None:
-    monkeypatch.setattr(coordinates, "Relaxation", lambda scene, columns: columns)
+    monkeypatch.setattr(coordinates, "Compliance", lambda scene, columns: columns)
     monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
     monkeypatch.setattr(coordinates, "slaving_error", lambda r, frames: 0.001 if r >= least else 0.1)
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k, columns=lambda r: r))

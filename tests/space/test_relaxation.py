@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh, polar
+from scipy.spatial.transform import Rotation
 
 from ldsim.arrays import Array
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.potential import Springs
+from ldsim.dynamics.reduced.turned import Series, turn_springs
 from ldsim.errors import SolverError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -20,7 +26,7 @@ from ldsim.mesh.shapes import beam as beam_mesh
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 from ldsim.space.relaxation import Relaxation, Relaxed
-from tests.helpers import derivative_order, order, scene
+from tests.helpers import derivative_order, order, scene, uniform_scene
 
 
 def beam(**given: float) -> Scene:
@@ -134,6 +140,40 @@ def test_what_a_force_moves_beside_the_coordinates_leaves_them_alone(relaxation:
     np.testing.assert_allclose(moved.reshape(-1)[unknown], by_hand @ force.reshape(-1)[unknown], atol=1e-12)
 
 
+def test_the_compliance_where_a_solid_has_turned_is_that_of_the_solid_made_turned(relaxation: Relaxation) -> None:
+    body, V = relaxation.scene, relaxation.coordinates
+    x, R = body.mesh.vertices, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    vertices, force = np.flatnonzero(x[:, 0] > 0.29)[:3], np.array([1.0, -2.0, 0.5])
+    found = Compliance(body, V).moved(vertices, x @ R.T - x, force)
+    turned = uniform_scene(
+        replace(body.mesh, vertices=x @ R.T), body.pinned, youngs_modulus=1e5, poisson_ratio=0.4, gravity=(0, 0, 0)
+    )
+    columns = (V.fields.transpose(0, 2, 1) @ R.T).transpose(0, 2, 1).reshape(V.matrix.shape)
+    expected = Compliance(turned, Basis.of(columns, turned.mass)).of_grab(vertices) @ force
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(relaxation: Relaxation) -> None:
+    body, V = relaxation.scene, relaxation.coordinates
+    space: Any = SimpleNamespace(scene=body, reduced_basis=V, compliance=Compliance(body, V))
+    x, q = body.mesh.vertices, 0.05 * np.random.default_rng(6).normal(size=V.k)
+    held = [np.flatnonzero(x[:, 0] > 0.29)[:3], np.flatnonzero(np.isclose(x[:, 0], 0.2))[:2]]
+    grabs = [Grab(each, x[each].mean(axis=0) + [0.0, 0.1, 0.0], 80.0) for each in held]
+    series, targets = Series.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
+    springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
+    rotations, pull = np.zeros((2, 3, 3)), np.zeros((6, 6))
+    turn_springs(series, q, targets, rotations, pull, springs)
+    u = V.fields @ q
+    by_hand = [polar((x + u).T @ space.compliance.arms(each))[0] for each in held]
+    np.testing.assert_allclose(rotations, by_hand, atol=1e-9)
+    assert np.linalg.norm(rotations[0] - np.eye(3)) > 0.1
+    turn = block_diag(*by_hand)
+    flexible = np.eye(6) / 80.0 + turn @ space.compliance.between(held) @ turn.T
+    stretch = targets - np.concatenate([(x + u)[each].mean(axis=0) for each in held])
+    forces = pull @ (springs.target - springs.centre - springs.B @ q).ravel()
+    np.testing.assert_allclose(flexible @ forces, stretch, rtol=1e-9)
+
+
 def test_the_compliance_of_a_stiffer_solid_is_that_of_the_solid_made_stiffer(relaxation: Relaxation) -> None:
     force = np.random.default_rng(4).normal(size=relaxation.rest.u.shape)
     scaled = Compliance(relaxation.scene, relaxation.coordinates).stiffened(2.5)
@@ -154,7 +194,7 @@ def test_statics_under_a_grab_are_those_of_the_full_space_to_first_order() -> No
         grab = Grab(vertices, body.mesh.vertices[vertices].mean(axis=0) + [0.0, size, size], 50.0)
         u = full.step(full.rest(), Loads((grab,)))[0].u
         B = relaxation.rest.tangents[vertices].mean(axis=0)
-        Q = compliance.stiffness([grab])
+        Q = np.linalg.inv(np.eye(3) / grab.stiffness + compliance.between([vertices]))
         stretch = np.array([0.0, size, size])
         z = np.linalg.solve(relaxation.rest.stiffness + B.T @ Q @ B, B.T @ Q @ stretch)
         drawn = relaxation.rest.tangents @ z + compliance.of_grab(vertices) @ (Q @ (stretch - B @ z))

@@ -18,6 +18,7 @@ from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.turned import Series, turn_springs
 from ldsim.errors import MotionError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -145,7 +146,7 @@ class ReducedStepper:
         if state.r != self._dimensions[0] or state.k != self._dimensions[1]:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity)
+        bench.grab(loads.grabs, loads.gravity, state.q)
         force = self._base_force(loads.gravity, bench)
         pins: tuple[Array | None, Array | None] = (None, None)
         if self._pins is not None:
@@ -188,12 +189,12 @@ class ReducedStepper:
         if not loads.grabs:
             return u
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity)
+        bench.grab(loads.grabs, loads.gravity, q)
         # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
         stretch = bench.springs.target - bench.springs.centre - bench.springs.B @ q
-        forces = (bench.root @ stretch.ravel()).reshape(-1, 3)
-        for grab, force in zip(loads.grabs, forces, strict=True):
-            u += compliance.of_grab(grab.vertices) @ force
+        forces = (bench.pull @ stretch.ravel()).reshape(-1, 3)
+        for grab, force, R in zip(loads.grabs, forces, bench.rotations, strict=True):
+            u += compliance.of_grab(grab.vertices) @ (force @ R) @ R.T
         return u
 
     def coordinates(self, state: ReducedState) -> Array:
@@ -224,7 +225,7 @@ class ReducedStepper:
     def compiled(self, loads: Loads = Loads()) -> tuple[Reduced, Springs, Work]:
         """What the kernels of `reduced.potential` read under some loads: model, springs, scratch memory."""
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity)
+        bench.grab(loads.grabs, loads.gravity, np.zeros(self._dimensions[1]))
         self._base_force(loads.gravity, bench)
         return bench.model, bench.springs, bench.work
 
@@ -255,32 +256,37 @@ class _Bench:
         self.work = make_work(space.decoder, len(model.weights))
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
-        # of a condensed space: L of the stiffness L Lᵀ of all grabs together, and what the springs were made for
-        self.root = np.eye(0)
+        # of a condensed space, of all grabs together (`turn_springs`), and what they were made for
+        self.series: Series | None = None
+        self.rotations, self.pull = np.empty((0, 3, 3)), np.empty((0, 0))
         self._made_for: tuple[Array | None, list[float]] = (None, [])
         self.springs = self._springs(())
         self.reference = self._reference()
 
-    def grab(self, grabs: Sequence[Grab], gravity: Array | None = None) -> None:
-        """Hold what the grabs hold; B is kept while they hold the same vertices."""
+    def grab(self, grabs: Sequence[Grab], gravity: Array | None, q: Array) -> None:
+        """Hold what the grabs hold in a state with coordinates q; what is kept serves while they hold the same."""
         held = [grab.vertices for grab in grabs]
         other = not _same(held, self.held)
-        if self._space.is_condensed and grabs:
-            made_for = gravity, [grab.stiffness for grab in grabs]
-            if other or made_for[0] is not self._made_for[0] or made_for[1] != self._made_for[1]:
-                self._made_for, self.held = made_for, tuple(held)
-                self.springs = self._in_series(self._springs(grabs), grabs, gravity)
-                self.reference = self._reference()
-            targets = np.concatenate([grab.target for grab in grabs])
-            self.springs.target[:] = (targets @ self.root).reshape(-1, 3)
-            return
         if other:
             self.springs, self.held = self._springs(grabs), tuple(held)
             self.reference = self._reference()
+        if self._space.is_condensed and grabs:
+            self._grab_in_series(other, grabs, gravity, q)
+            return
         _, _, target, stiffness = self.springs
         for i, grab in enumerate(grabs):
             target[i] = grab.target
             stiffness[i] = grab.stiffness
+
+    def _grab_in_series(self, other: bool, grabs: Sequence[Grab], gravity: Array | None, q: Array) -> None:
+        stiffness = [grab.stiffness for grab in grabs]
+        if other or self.series is None or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
+            self._made_for = gravity, stiffness
+            self.series = Series.of(self._space, grabs, gravity)
+            self.rotations, self.pull = np.empty((len(grabs), 3, 3)), np.empty((3 * len(grabs), 3 * len(grabs)))
+            self.springs.stiffness[:] = 1.0
+        targets = np.concatenate([grab.target for grab in grabs])
+        turn_springs(self.series, q, targets, self.rotations, self.pull, self.springs)
 
     def _springs(self, grabs: Sequence[Grab]) -> Springs:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
@@ -288,23 +294,6 @@ class _Bench:
         for i, grab in enumerate(grabs):
             springs.B[i] = U[grab.vertices].mean(axis=0)
             springs.centre[i] = rest[grab.vertices].mean(axis=0)
-        return springs
-
-    def _in_series(self, springs: Springs, grabs: Sequence[Grab], gravity: Array | None) -> Springs:
-        """The springs in series with the residual compliance.
-
-        Their energy ½ pᵀ Q p couples all grabs, Q = (diag(1/k) + B C Bᵀ)⁻¹ = L Lᵀ. It is ½ ‖Lᵀ p‖²: springs of unit
-        stiffness on Lᵀ B, which the kernel knows.
-        """
-        compliance = self._space.compliance
-        assert compliance is not None
-        self.root = np.asarray(np.linalg.cholesky(compliance.stiffness(grabs)), dtype=np.float64)
-        sag = compliance.sag(gravity)
-        centre = springs.centre + [sag[grab.vertices].mean(axis=0) for grab in grabs]
-        rows = springs.B.reshape(3 * len(grabs), -1)
-        springs.B[:] = (self.root.T @ rows).reshape(springs.B.shape)
-        springs.centre[:] = (centre.ravel() @ self.root).reshape(-1, 3)
-        springs.stiffness[:] = 1.0
         return springs
 
     def _reference(self) -> StepReference:
