@@ -576,7 +576,7 @@ typedef struct {
 /* Counts in the header, in the order of the file. */
 typedef struct {
     uint32_t vertices, triangles, r, features, layers, width[MAX_LAYERS], activation, last_activated, skip, mapped,
-        points, full_inertia, supports, landmarks, condensed, anchors, nearest, basis_bytes, max_iterations;
+        points, full_inertia, supports, landmarks, condensed, anchors, nearest, cells, corners, basis_bytes, max_iterations;
 } counts;
 
 typedef struct {
@@ -598,7 +598,7 @@ struct ldsim_model {
     const double *rest, *at_zero, *skip, *maps, *weights, *mu, *lambda, *inertia, *load, *unit_weight, *lifting,
         *lifted_strain, *lifted_inertia, *landmarks, *sag, *vertex_mass, *share, *basis64, *compliance64;
     const float *basis32, *compliance32;
-    const uint32_t *triangles, *movable, *kind, *near;
+    const uint32_t *triangles, *movable, *kind, *near, *cell; /* cell: vertices of the cells of a condensed model */
     /* what steps read, laid out for them: strain maps (blocks, mapped, 9, LANES), of each block weights, mu and lambda
      * (3, LANES), a number of the file for each of its points, and the skip transposed */
     int blocks;
@@ -661,6 +661,7 @@ static void find_arrays(ldsim_model *M, walk *w)
     M->movable = next_array(w, v, 4);
     M->kind = next_array(w, c, 4);
     M->near = next_array(w, v * n->nearest, 4);
+    M->cell = next_array(w, (uint64_t)n->cells * n->corners, 4);
 }
 
 /* Two running sums of 64-bit words, of which the second tells their order (Fletcher 1982). */
@@ -686,6 +687,7 @@ static int counts_fit(const ldsim_model *M)
     fine &= n->max_iterations >= 1 && n->max_iterations < 1u << 20;
     fine &= n->condensed ? n->anchors >= 1 && n->anchors < 1u << 13 && n->nearest >= 1 && n->nearest < 1u << 6 && !n->supports
                          : !n->anchors && !n->nearest;
+    fine &= n->condensed ? n->cells >= 1 && n->cells < 1u << 27 && n->corners >= 2 && n->corners <= 8 : !n->cells && !n->corners;
     return fine;
 }
 
@@ -729,7 +731,8 @@ static int check_model(ldsim_model *M)
     if (!all_positive(M->weights, n->points) || !all_positive(M->mu, n->points)) return LDSIM_BAD_VALUE;
     if (!all_below(M->triangles, 3 * (uint64_t)n->triangles, n->vertices) || !all_below(M->movable, n->vertices, 2) ||
         !all_below(M->kind, n->points, MATERIALS) ||
-        !all_below(M->near, (uint64_t)n->vertices * n->nearest, n->anchors))
+        !all_below(M->near, (uint64_t)n->vertices * n->nearest, n->anchors) ||
+        !all_below(M->cell, (uint64_t)n->cells * n->corners, n->vertices))
         return LDSIM_BAD_INDEX;
     return LDSIM_OK;
 }
@@ -1091,6 +1094,8 @@ typedef struct {
     double *B, *lifted;  /* (3, m) and (3, moved): how features and moved pins move the centroid */
     double *load, *field; /* of a condensed model: what anchors get of a force, (a,), and a unit force moves, (3, a, 3) */
     double reach;         /* a bound of the mass-weighted norm of that field */
+    /* and of a condensed model how the cells around it have turned: R, row by row, is the rotation of shape + turn f */
+    double rotation[9], shape[9], *turn; /* turn: (9, m) */
 } grab;
 
 struct ldsim_solid {
@@ -1104,7 +1109,7 @@ struct ldsim_solid {
     grab grabs[LDSIM_MAX_GRABS];
     /* compliance[i][j]: what a unit force on grab j moves the centroid of grab i, (3, 3), of a condensed model */
     double *compliance;
-    int renewed_springs; /* whether the springs below are those of the grabs */
+    int renewed_springs; /* whether the springs below are those of the grabs, and turned as the solid is now */
     /* what a step reads: g springs in the order in which they were taken */
     int g, order[LDSIM_MAX_GRABS];
     double *B, *centre, *target, *stiffness, *root;
@@ -1112,7 +1117,7 @@ struct ldsim_solid {
     double *force, *lifted; /* load and weight, (m,); strain of moved pins, (blocks, 9, LANES) */
     /* scratch memory */
     double *hidden, *scratch, *tangents, *predictor, *offset, *pull, *lanes, *gradient, *gradient_new, *direction,
-        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *pulls, *tried;
+        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *pulls, *tried, *arms, *touched;
     double *positions;
 };
 
@@ -1471,6 +1476,12 @@ static void find_field(ldsim_solid *S, int i)
 
 /* ---- Grabs ----------------------------------------------------------------------------------------------------------- */
 
+/* R'x of a rotation R, row by row. */
+static void turn_back(const double *R, const double *x, double *turned)
+{
+    for (int i = 0; i < 3; i++) turned[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
+}
+
 /* u (3,) of one vertex at some moment, with what grabs pull it by then, (max_grabs, 3). */
 static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, const double *pulls, double *u)
 {
@@ -1487,19 +1498,59 @@ static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, 
         const double *sag = M->sag + 12 * (size_t)v + 4 * axis;
         slack[axis] = sag[0] + dot3(sag + 1, at->gravity);
     }
-    for (int g = 0; g < S->max_grabs; g++)
-        for (uint32_t i = 0; i < M->n.nearest && S->grabs[g].id; i++) {
+    for (int g = 0; g < S->max_grabs; g++) {
+        if (!S->grabs[g].id) continue;
+        double pull[3], moved[3] = {0.0, 0.0, 0.0};
+        turn_back(S->grabs[g].rotation, pulls + 3 * g, pull);
+        for (uint32_t i = 0; i < M->n.nearest; i++) {
             const size_t place = (size_t)v * M->n.nearest + i;
-            const double *field = S->grabs[g].field + 3 * (size_t)M->near[place], *pull = pulls + 3 * g;
+            const double *field = S->grabs[g].field + 3 * (size_t)M->near[place];
             for (int axis = 0; axis < 3; axis++, field++)
-                slack[axis] += M->share[place] * (field[0] * pull[0] + field[size] * pull[1] + field[2 * size] * pull[2]);
+                moved[axis] += M->share[place] * (field[0] * pull[0] + field[size] * pull[1] + field[2 * size] * pull[2]);
         }
+        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(S->grabs[g].rotation + 3 * axis, moved);
+    }
     for (int axis = 0; axis < 3; axis++) u[axis] += slack[axis] / S->scale;
 }
 
 static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
 {
     displacement_at(S, v, &S->now, S->pulls, u);
+}
+
+/* How the cells at the held vertices have turned: the sum of y_v d_v' over their vertices, with the places y and the arms
+ * d, from the middle of each cell at rest to its vertices; it is shape + turn f. */
+static void find_arms(ldsim_solid *S, grab *g)
+{
+    const ldsim_model *M = S->model;
+    const int corners = (int)M->n.corners, m = M->m;
+    double *arms = S->arms, *touched = S->touched;
+    zero(arms, 3 * (size_t)M->n.vertices), zero(touched, M->n.vertices);
+    zero(g->shape, 9), zero(g->turn, 9 * (size_t)m);
+    for (uint32_t i = 0; i < g->count; i++) touched[g->vertices[i]] = 1.0;
+    for (uint32_t c = 0; c < M->n.cells; c++) {
+        const uint32_t *cell = M->cell + (size_t)c * corners;
+        double any = 0.0;
+        for (int i = 0; i < corners; i++) any += touched[cell[i]];
+        for (int axis = 0; axis < 3 && any > 0.0; axis++) {
+            double middle = 0.0;
+            for (int i = 0; i < corners; i++) middle += M->rest[3 * (size_t)cell[i] + axis] / corners;
+            for (int i = 0; i < corners; i++) arms[3 * (size_t)cell[i] + axis] += M->rest[3 * (size_t)cell[i] + axis] - middle;
+        }
+    }
+    for (size_t v = 0; v < M->n.vertices; v++) {
+        const double *d = arms + 3 * v;
+        if (d[0] == 0.0 && d[1] == 0.0 && d[2] == 0.0) continue;
+        for (int e = 0; e < 9; e++) {
+            const size_t row = 3 * v + (size_t)(e / 3);
+            double *turn = g->turn + (size_t)e * m;
+            g->shape[e] += M->rest[row] * d[e % 3];
+            if (M->basis64)
+                for (int j = 0; j < m; j++) turn[j] += M->basis64[row * m + j] * d[e % 3];
+            else
+                for (int j = 0; j < m; j++) turn[j] += M->basis32[row * m + j] * d[e % 3];
+        }
+    }
 }
 
 /* Makes a grab of a free place: all that depends on its vertices alone. */
@@ -1527,16 +1578,12 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
         for (size_t j = (size_t)vertices[i] * M->n.nearest, stop = j + M->n.nearest; j < stop; j++)
             g->load[M->near[j]] += share * M->share[j];
     }
-    if (M->anchors) find_field(S, place);
+    if (M->anchors) find_field(S, place), find_arms(S, g);
 }
 
-/* The springs that a step reads, in the order in which they were taken. Those of a condensed model are in series with
- * its compliance: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + B C B')^-1 = L L'. It is 1/2 |L' p|^2, that is
- * springs of unit stiffness on L'B. */
-static void make_springs(ldsim_solid *S)
+/* The grabs in the order in which they were taken. */
+static void order_grabs(ldsim_solid *S)
 {
-    const ldsim_model *M = S->model;
-    const int m = M->m;
     S->g = 0;
     for (int i = 0; i < S->max_grabs; i++) {
         if (S->grabs[i].id == 0) continue;
@@ -1544,15 +1591,63 @@ static void make_springs(ldsim_solid *S)
         for (; at > 0 && S->grabs[S->order[at - 1]].id > S->grabs[i].id; at--) S->order[at] = S->order[at - 1];
         S->order[at] = i;
     }
+}
+
+static void turn_grab(grab *g, const double *f, int m)
+{
+    double A[9], U[9], sigma[3], V[9];
+    for (int e = 0; e < 9; e++) A[e] = g->shape[e] + dot(g->turn + (size_t)e * m, f, m);
+    signed_svd(A, U, sigma, V);
+    for (int e = 0; e < 9; e++) g->rotation[e] = dot3(U + 3 * (e / 3), V + 3 * (e % 3));
+}
+
+/* block (3, 3) = R_p C R_q', with C what a force on grab q moves grab p by at rest, of both ways round the mean. */
+static void turned_pair(const ldsim_solid *S, int p, int q, double *block)
+{
+    const double *there = pair_of(S, p, q), *back = pair_of(S, q, p), *R = S->grabs[q].rotation;
+    double half[9];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            half[3 * i + j] = 0.0;
+            for (int k = 0; k < 3; k++) half[3 * i + j] += 0.5 * (there[3 * i + k] + back[3 * k + i]) * R[3 * j + k];
+        }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            block[3 * i + j] = 0.0;
+            for (int k = 0; k < 3; k++) block[3 * i + j] += S->grabs[p].rotation[3 * i + k] * half[3 * k + j];
+        }
+}
+
+static void aim_springs(ldsim_solid *S)
+{
+    const int rows = 3 * S->g, condensed = S->model->anchors;
+    for (int i = 0; i < rows; i++) {
+        S->target[i] = condensed ? 0.0 : S->grabs[S->order[i / 3]].target[i % 3];
+        for (int j = i; condensed && j < rows; j++)
+            S->target[i] += S->root[j * rows + i] * S->grabs[S->order[j / 3]].target[j % 3];
+    }
+}
+
+/* The springs that a step reads, where the features are f. Those of a condensed model are in series with its compliance,
+ * which turns with the solid: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + R B C B'R')^-1 = L L'. It is
+ * 1/2 |L' p|^2, that is springs of unit stiffness on L'B. */
+static void make_springs(ldsim_solid *S, const double *f)
+{
+    const ldsim_model *M = S->model;
+    const int m = M->m;
+    order_grabs(S);
     const int rows = 3 * S->g;
-    double *centre = S->joint, *B = S->inverse; /* free until Q is made */
+    double *centre = S->joint, *B = S->inverse; /* free once Q is made */
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
     if (M->anchors && S->g) {
-        for (int i = 0; i < rows; i++)
-            for (int j = 0; j < rows; j++) {
-                const int p = S->order[i / 3], q = S->order[j / 3];
-                const double there = pair_of(S, p, q)[3 * (i % 3) + j % 3], back = pair_of(S, q, p)[3 * (j % 3) + i % 3];
-                S->joint[i * rows + j] = 0.5 * (there + back) / S->scale + (i == j) / S->grabs[p].stiffness;
+        double block[9];
+        for (int i = 0; i < S->g; i++) turn_grab(S->grabs + S->order[i], f, m);
+        for (int i = 0; i < S->g; i++)
+            for (int j = 0; j < S->g; j++) {
+                const double soft = i == j ? 1.0 / S->grabs[S->order[i]].stiffness : 0.0;
+                turned_pair(S, S->order[i], S->order[j], block);
+                for (int e = 0; e < 9; e++)
+                    S->joint[(3 * i + e / 3) * rows + 3 * j + e % 3] = block[e] / S->scale + (e % 4 == 0) * soft;
             }
         invert(S->joint, S->root, rows);
         cholesky(S->root, rows);
@@ -1571,20 +1666,11 @@ static void make_springs(ldsim_solid *S)
             zero(S->B + (size_t)i * m, m);
             for (int j = i; j < rows; j++) {
                 S->centre[i] += S->root[j * rows + i] * centre[j];
-                for (int f = 0; f < m; f++) S->B[(size_t)i * m + f] += S->root[j * rows + i] * B[(size_t)j * m + f];
+                for (int e = 0; e < m; e++) S->B[(size_t)i * m + e] += S->root[j * rows + i] * B[(size_t)j * m + e];
             }
         }
+    aim_springs(S);
     S->renewed_springs = 1;
-}
-
-static void aim_springs(ldsim_solid *S)
-{
-    const int rows = 3 * S->g, condensed = S->model->anchors;
-    for (int i = 0; i < rows; i++) {
-        S->target[i] = condensed ? 0.0 : S->grabs[S->order[i / 3]].target[i % 3];
-        for (int j = i; condensed && j < rows; j++)
-            S->target[i] += S->root[j * rows + i] * S->grabs[S->order[j / 3]].target[j % 3];
-    }
 }
 
 /* What the springs of a condensed model pull with where the features are f: (max_grabs, 3). */
@@ -1690,14 +1776,20 @@ int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
     const grab *g = find_grab(S, id);
     if (!g) return LDSIM_NO_SUCH_GRAB;
     if (!centroid) return LDSIM_BAD_ARGUMENT;
+    double slack[3] = {0.0, 0.0, 0.0}, pull[3];
+    for (int j = 0; M->anchors && j < S->max_grabs; j++) {
+        if (!S->grabs[j].id) continue;
+        const double *there = pair_of(S, (int)(g - S->grabs), j), *R = S->grabs[j].rotation;
+        turn_back(R, S->pulls + 3 * j, pull);
+        const double moved[3] = {dot3(there, pull), dot3(there + 3, pull), dot3(there + 6, pull)};
+        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(R + 3 * axis, moved);
+    }
     for (int axis = 0; axis < 3; axis++) {
         centroid[axis] = g->centre[axis] + dot(g->B + axis * M->m, S->now.f, M->m);
         if (M->moved) centroid[axis] += dot(g->lifted + axis * M->moved, S->now.a, M->moved);
         if (!M->anchors) continue;
-        double slack = g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
-        for (int j = 0; j < S->max_grabs; j++)
-            if (S->grabs[j].id) slack += dot3(pair_of(S, (int)(g - S->grabs), j) + 3 * axis, S->pulls + 3 * j);
-        centroid[axis] += slack / S->scale;
+        slack[axis] += g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
+        centroid[axis] += slack[axis] / S->scale;
     }
     return LDSIM_OK;
 }
@@ -1761,6 +1853,7 @@ static int out_of_bounds(ldsim_solid *S, const moment *at)
     for (int g = 0; g < S->max_grabs; g++)
         if (S->grabs[g].id) beside += S->grabs[g].reach * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
     if (within(M, norm + beside / S->scale)) return 0;
+    if (S->g) make_springs(S, at->f), find_pulls(S, at->f, pulls), S->renewed_springs = 0;
     norm = 0.0;
     for (uint32_t v = 0; v < M->n.vertices; v++) {
         displacement_at(S, v, at, pulls, u);
@@ -1791,6 +1884,7 @@ static solution try_step(ldsim_solid *S, const moment *from, moment *to)
 {
     const ldsim_model *M = S->model;
     const int r = M->r, m = M->m, l = M->moved;
+    if (!S->renewed_springs) make_springs(S, from->f);
     if (memcmp(S->weighed, S->gravity, sizeof S->weighed) != 0) {
         copy(S->weight, M->load, m), copy(S->weighed, S->gravity, 3);
         add_product(M->unit_weight, S->gravity, S->weight, m, 3);
@@ -1847,8 +1941,7 @@ static void take(ldsim_solid *S, moment *found)
 ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
 {
     const ldsim_model *M = S->model;
-    if (!S->renewed_springs) make_springs(S);
-    aim_springs(S);
+    if (S->renewed_springs) aim_springs(S);
     moment *found = &S->first;
     solution last = try_step(S, &S->now, found);
     int iterations = last.iterations, evaluations = last.evaluations;
@@ -1874,6 +1967,7 @@ ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
         if (last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found)) outcome = LDSIM_HELD, found = &S->start;
     }
     take(S, found);
+    if (M->anchors && S->g) make_springs(S, S->now.f);
     if (M->anchors && outcome != LDSIM_HELD) find_pulls(S, S->now.f, S->pulls);
     if (record) {
         const ldsim_record told = {iterations, evaluations, last.reason, outcome, last.value, last.norm};
@@ -1927,7 +2021,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
         grab *g = S->grabs + i;
         g->vertices = (uint32_t *)(void *)cut(at, &total, (n + 1) / 2);
         g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->load = cut(at, &total, a);
-        g->field = cut(at, &total, 9 * a);
+        g->field = cut(at, &total, 9 * a), g->turn = cut(at, &total, a ? 9 * m : 0);
     }
     S->compliance = cut(at, &total, a ? 9 * most * most : 0);
     S->pulls = cut(at, &total, rows), S->tried = cut(at, &total, rows);
@@ -1945,6 +2039,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
     S->hessian = cut(at, &total, r * wide);
     S->turned = cut(at, &total, BLOCK * wide), S->stressed = cut(at, &total, BLOCK * wide);
     S->positions = cut(at, &total, 3 * n);
+    S->arms = cut(at, &total, a ? 3 * n : 0), S->touched = cut(at, &total, a ? n : 0);
     return total;
 }
 
@@ -2143,5 +2238,6 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
         copy(g->target, head.grabs[j].target, 3), copy(S->pulls + 3 * (g - S->grabs), head.grabs[j].pull, 3);
         g->stiffness = head.grabs[j].stiffness;
     }
+    if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the rotations */
     return LDSIM_OK;
 }

@@ -116,13 +116,16 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     triangles = surface.vertices[surface.triangles]
     arrays |= {"triangles": _u4(triangles), "movable": _u4(scene.movable), "kind": _u4(compiled.kind)}
     arrays["near"] = _u4(np.empty(0) if anchors is None else anchors.near)
+    arrays["cells"] = _u4(np.empty(0) if anchors is None else scene.mesh.cells)
     widths = [int(width) for width in layers.sizes[1:]]
     if len(widths) > MAX_LAYERS:
         raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
     counts = [scene.mesh.n_vertices, len(triangles), space.r, space.decoder.k]
     counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), 0]
     counts += [int(layers.skip.size > 0), compiled.G.shape[2], len(compiled.weights), int(len(compiled.inertia) > 1)]
-    held = (0, 0) if anchors is None else (len(anchors.matrix) // 3, anchors.near.shape[1])
+    held = (0, 0, 0, 0)
+    if anchors is not None:
+        held = (len(anchors.matrix) // 3, anchors.near.shape[1], *scene.mesh.cells.shape)
     counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed), *held]
     counts += [4 if single else 8, options.max_iterations]
     stiffness, radius = usual_grip(scene)
