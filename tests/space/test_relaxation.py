@@ -16,7 +16,7 @@ from ldsim.arrays import Array
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.potential import Springs
-from ldsim.dynamics.reduced.turned import Series, turn_springs
+from ldsim.dynamics.reduced.turned import InSeries, turn_springs
 from ldsim.errors import SolverError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -159,7 +159,7 @@ def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(
     x, q = body.mesh.vertices, 0.05 * np.random.default_rng(6).normal(size=V.k)
     held = [np.flatnonzero(x[:, 0] > 0.29)[:3], np.flatnonzero(np.isclose(x[:, 0], 0.2))[:2]]
     grabs = [Grab(each, x[each].mean(axis=0) + [0.0, 0.1, 0.0], 80.0) for each in held]
-    series, targets = Series.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
+    series, targets = InSeries.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
     springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
     rotations, pull = np.zeros((2, 3, 3)), np.zeros((6, 6))
     turn_springs(series, q, targets, rotations, pull, springs)

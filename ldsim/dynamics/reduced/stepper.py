@@ -18,7 +18,7 @@ from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.turned import Series, turn_springs
+from ldsim.dynamics.reduced.turned import InSeries, turn_springs
 from ldsim.errors import MotionError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -257,7 +257,7 @@ class _Bench:
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
         # of a condensed space, of all grabs together (`turn_springs`), and what they were made for
-        self.series: Series | None = None
+        self.series: InSeries | None = None
         self.rotations, self.pull = np.empty((0, 3, 3)), np.empty((0, 0))
         self._made_for: tuple[Array | None, list[float]] = (None, [])
         self.springs = self._springs(())
@@ -282,7 +282,7 @@ class _Bench:
         stiffness = [grab.stiffness for grab in grabs]
         if other or self.series is None or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
             self._made_for = gravity, stiffness
-            self.series = Series.of(self._space, grabs, gravity)
+            self.series = InSeries.of(self._space, grabs, gravity)
             self.rotations, self.pull = np.empty((len(grabs), 3, 3)), np.empty((3 * len(grabs), 3 * len(grabs)))
             self.springs.stiffness[:] = 1.0
         targets = np.concatenate([grab.target for grab in grabs])

@@ -22,7 +22,7 @@ from ldsim.mechanics.materials.tensors import product_transposed, signed_svd
 from ldsim.space.space import Space
 
 
-class Series(NamedTuple):
+class InSeries(NamedTuple):
     """What some grabs have as long as they hold the same vertices.
 
     B (3g, k) and centre (3g,): c(q) = centre + B q, metres, of all centroids. compliance (3g, 3g): B C Bᵀ at rest, m/N.
@@ -37,7 +37,7 @@ class Series(NamedTuple):
     turn: Array
 
     @classmethod
-    def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> Series:
+    def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> InSeries:
         """Those of a condensed space under some gravity, the scene's where it is left out."""
         compliance = space.compliance
         assert compliance is not None
@@ -57,7 +57,7 @@ class Series(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def turn_springs(series: Series, q: Array, targets: Array, rotations: Array, pull: Array, springs: Springs) -> None:
+def turn_springs(series: InSeries, q: Array, targets: Array, rotations: Array, pull: Array, springs: Springs) -> None:
     """Write the springs for a state with coordinates q, (k,), and targets (3g,), metres.
 
     Their energy ½ pᵀ (diag(1/k) + R B C Bᵀ Rᵀ)⁻¹ p couples all grabs. With the Cholesky factor L of what is inverted it
