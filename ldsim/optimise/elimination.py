@@ -97,7 +97,7 @@ def _tree(indptr: Indices, indices: Indices) -> Indices:
 
 
 @njit(cache=True)
-def _children(parent: Indices) -> tuple[Indices, Indices]:
+def children(parent: Indices) -> tuple[Indices, Indices]:
     """The first child of each node of a forest and the next child of the same parent, ascending; −1 for none."""
     child, sibling = np.full(parent.shape[0], -1), np.full(parent.shape[0], -1)
     for j in range(parent.shape[0] - 1, -1, -1):
@@ -109,7 +109,7 @@ def _children(parent: Indices) -> tuple[Indices, Indices]:
 @njit(cache=True)
 def _postorder(parent: Indices) -> Indices:
     """The nodes of a forest, children before parents and every subtree in one run."""
-    n, (child, sibling) = parent.shape[0], _children(parent)
+    n, (child, sibling) = parent.shape[0], children(parent)
     order, stack = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
     count = 0
     for root in range(n):
@@ -186,7 +186,7 @@ def _fill_rows(
     indptr: Indices, indices: Indices, first: Indices, tree: Indices, row_start: Indices, rows: Indices
 ) -> None:
     """Rows of each supernode: those of its entries and of its children, below its last column."""
-    seen, (child, sibling) = np.full(first[-1], -1), _children(tree)
+    seen, (child, sibling) = np.full(first[-1], -1), children(tree)
     for s in range(tree.shape[0]):
         stop = first[s + 1]
         filled = _add_rows(indices[indptr[first[s]] : indptr[stop]], stop, s, seen, rows, row_start[s])
@@ -210,7 +210,7 @@ def _fill_places(
 ) -> None:
     """Where rows and entries go in the fronts that take them up."""
     position = np.empty(first[-1], dtype=np.int64)
-    child, sibling = _children(tree)
+    child, sibling = children(tree)
     for s in range(tree.shape[0]):
         columns = first[s + 1] - first[s]
         for j in range(columns):

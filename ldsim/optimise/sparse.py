@@ -12,7 +12,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices, Numbers
 from ldsim.errors import SolverError
 from ldsim.jit import njit
-from ldsim.optimise.elimination import Elimination
+from ldsim.optimise.elimination import Elimination, children
 from ldsim.optimise.lapack import potrf, syrk, trsm, trtri
 
 
@@ -116,10 +116,7 @@ def _factorise(
     two threads that factorise were slower than one.
     """
     supernodes = len(parent)
-    child, sibling = np.full(supernodes, -1), np.full(supernodes, -1)
-    for s in range(supernodes - 1, -1, -1):
-        if row_start[s + 1] > row_start[s]:
-            sibling[s], child[parent[s]] = child[parent[s]], s
+    child, sibling = children(parent)
     updates = [np.empty((0, 0), dtype=values.dtype) for _ in range(supernodes)]
     for s in range(supernodes):
         c, r = 3 * (first[s + 1] - first[s]), 3 * (row_start[s + 1] - row_start[s])

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
+from operator import is_
 from typing import NamedTuple
 
 import numpy as np
@@ -345,14 +346,7 @@ class MovingPins(NamedTuple):
 
 def _same(left: Sequence[Indices], right: Sequence[Indices]) -> bool:
     """Whether both hold the same arrays, which a drag keeps from frame to frame."""
-    if left is right:
-        return True
-    if len(left) != len(right):
-        return False
-    for i, vertices in enumerate(left):
-        if vertices is not right[i]:
-            return False
-    return True
+    return left is right or (len(left) == len(right) and all(map(is_, left, right)))
 
 
 def _leading(maps: Array) -> Array:
