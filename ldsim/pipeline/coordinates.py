@@ -14,9 +14,9 @@ from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
 from ldsim.space.compliance import Compliance
 
-# Dimensions that are tried, for more are better only with more samples than are relaxed by default; what is enough, as
-# the mean error over the mean displacement; and frames that are looked at.
-SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12), 0.015, 16
+# Dimensions that are tried, for more are better only with more samples than are relaxed by default; what is enough of
+# the worst frame, its mean error over its mean displacement; and frames that are looked at.
+SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12), 0.025, 24
 
 
 def needed_coordinates(run: Run, progress: Progress) -> int:
@@ -38,35 +38,46 @@ def needed_coordinates(run: Run, progress: Progress) -> int:
 
 
 def slaving_error(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> float:
-    """How far frames are from the relaxed poses of their coordinates, mean distance over mean displacement.
+    """How far frames are from the relaxed poses of their coordinates: the worst one's mean distance.
 
     Loads act on what is slaved as they do when the space is stepped, by the residual compliance. What remains is what r
     coordinates lose, however well V_eff is known: fast motion, and compliance that changes as the solid bends.
 
     Args:
         frames: displacements of the full space, (n, 3) metres, with what acts.
+
+    Returns:
+        A share of the mean displacement of that frame, or of all frames where that is larger.
     """
-    off, moved = 0.0, 0.0
-    for u, loads in frames:
-        try:
-            found = compliance.relaxation.from_pose(u).u + compliance.sag(loads.gravity)
-        except SolverError:
-            continue
-        for grab in loads.grabs:
-            centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
-            found += compliance.moved(grab.vertices, u, grab.stiffness * (grab.target - centre))
-        off += float(np.linalg.norm(found - u, axis=1).mean())
-        moved += float(np.linalg.norm(u, axis=1).mean())
-    return off / moved if moved > 0 else math.inf
+    found = [_off(compliance, u, loads) for u, loads in frames]
+    off, moved = np.array([each for each in found if each is not None]).reshape(-1, 2).T
+    return float((off / np.maximum(moved, moved.mean())).max()) if moved.any() else math.inf
+
+
+def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float] | None:
+    """Mean distance and mean displacement, metres, of one frame; None where it has no equilibrium."""
+    try:
+        found = compliance.relaxation.from_pose(u).u + compliance.sag(loads.gravity)
+    except SolverError:
+        return None
+    for grab in loads.grabs:
+        centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
+        found += compliance.moved(grab.vertices, u, grab.stiffness * (grab.target - centre))
+    return float(np.linalg.norm(found - u, axis=1).mean()), float(np.linalg.norm(u, axis=1).mean())
 
 
 def frames_of(run: Run) -> Iterator[tuple[Array, Loads]]:
-    """Frames spread over the training motions, (n, 3) metres, with what acts in them."""
+    """Frames of the training motions, (n, 3) metres, with what acts: where pulls end, or spread where they are few."""
     names = run.snapshots.with_role("train")
     of_each = -(-FRAMES // len(names))
     for name in names:
         recorded, read = run.snapshots.recorded(name), run.snapshots.reader(name)
         loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
         count = run.snapshots.frames(name)
-        for frame in np.unique(np.linspace(0, count - 1, of_each + 2).astype(int)[1:-1]).tolist():
+        ends = [drag.start + len(drag.targets) - 1 for drag in recorded.motion.drags]
+        frames = np.array(
+            ends if len(ends) >= of_each // 2 else np.linspace(0, count - 1, of_each + 2)[1:-1], dtype=int
+        )
+        some = np.linspace(0, len(frames) - 1, min(of_each, len(frames))).astype(int)
+        for frame in np.unique(frames[some]).tolist():
             yield np.asarray(read(frame, frame + 1)[0], dtype=np.float64), loads.at(frame, None)
