@@ -10,6 +10,7 @@ from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parent.parent
 FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+README = ROOT / "README.md"
 LIVE = ROOT / "runs" / "demo" / "export" / "demo.html"
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
@@ -24,18 +25,32 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Links as they are on the site, where docs/ is the root; what is no page of it is named without one."""
+    """Links as they are on the site; its first page begins as README does."""
     own = ROOT / page.file.src_uri if page.file.src_uri in FROM_ROOT else ROOT / "docs" / page.file.src_uri
+    if page.file.src_uri == "index.md":
+        first = README.read_text(encoding="utf-8").partition("\n## Your own solid")[0]
+        return _moved(first, README, "") + _moved(markdown.replace("# Documentation of ldsim\n", ""), own, "")
+    return _moved(markdown, own, "../" * page.file.src_uri.count("/"))
+
+
+def _moved(markdown: str, own: Path, up: str) -> str:
+    """Links as they are where docs/ is the root; what is no page of the site is named without one.
+
+    Args:
+        own: the file that the text is of.
+        up: from the page to the root of the site.
+    """
 
     def moved(found: re.Match[str]) -> str:
         target, _, anchor = found[2].partition("#")
-        if not target or "://" in target:
+        if "://" in target:
             return found[0]
+        if not target:  # a place further down: of README only the beginning is here
+            return found[1] if own == README else found[0]
         file = (own.parent / target).resolve()
         if not file.is_relative_to(ROOT / "docs") and file not in [ROOT / name for name in FROM_ROOT]:
             return found[1]
         place = file.relative_to(ROOT / "docs") if file.is_relative_to(ROOT / "docs") else Path(file.name)
-        up = "../" * page.file.src_uri.count("/")
         return f"[{found[1]}]({up}{place.as_posix()}{'#' if anchor else ''}{anchor})"
 
     live = "**[Pull at the demo](live/demo.html)**: this page simulates by itself." if LIVE.is_file() else ""

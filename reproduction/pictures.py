@@ -18,16 +18,22 @@ from typing import Any
 
 import numpy as np
 
+from ldsim.arrays import Array
 from ldsim.cli.stage import Bars
+from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.simulate import simulate
 from ldsim.export.playback import playback
 from ldsim.export.playground import write_playground
 from ldsim.jit import one_thread
+from ldsim.mechanics.loads import MotionLoads
+from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_triangles
-from ldsim.pipeline.mesh import mesh
-from ldsim.pipeline.snapshot import snapshot
+from ldsim.pipeline.mesh import described_scene, mesh
+from ldsim.pipeline.progress import SILENT
+from ldsim.pipeline.snapshot import motion
 from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.compare import compare
-from ldsim.report.drawing import DrawnPose, Movement, moving_pictures, side_by_side, webp
+from ldsim.report.drawing import DrawnPose, Movement, Picture, Pull, moving_pictures, side_by_side, webp
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.viewer.playground import play_server, record_server
@@ -205,31 +211,36 @@ def _reported(tab: Tab, runs: Path, album: Album) -> None:
     page.with_suffix(".json").unlink()
 
 
-def gallery(runs: Path, album: Album) -> None:
+def gallery(_: Path, album: Album) -> None:
     """Every example: at rest, and where its first motion moves it most, in the full space."""
     for config in sorted(CONFIGS.glob("*.yaml")):
-        settings = load_settings(config)
         if "LDSIM_DATA" in config.read_text(encoding="utf-8"):
             continue  # the paper's own meshes and recordings do not ship with the project
-        folder = runs / "gallery" / config.stem
-        with Run(folder, config.stem) as run:
-            mesh(run, settings.mesh, Bars(), CONFIGS)
-            snapshot(run, settings.snapshot, Bars(), CONFIGS)
-        with Run.open(folder) as run:
-            shown = playback(run, None, "full")
-            turn = upright(run.scene.gravity)
-            rest = run.scene.mesh.vertices @ turn.T
-            moved = [np.linalg.norm(shown.displacement(i), axis=1).max() for i in range(shown.frames)]
-            most = int(np.argmax(moved))
-            at = rest + shown.displacement(most) @ turn.T
-            pulls = [(at[held].mean(axis=0), turn @ target) for held, target in shown.pulls(most)]
-            everything = np.concatenate([rest, at, *(np.stack(pull) for pull in pulls)])
-            view = look_at_broadside(rest, everything)
-            poses = [DrawnPose("at rest", rest), DrawnPose(f"{shown.motion}, {shown.time(most):.2f} s", at, pulls)]
-            picture = side_by_side(poses, surface_triangles(run.scene.mesh), view, limits_of(view, everything), 720)
-        path = PICTURES / f"example_{config.stem}.webp"
-        picture.save(path, "WEBP", quality=80)
-        album.keep(path.name, path.read_bytes(), [f"configs/{config.name}"])
+        settings = load_settings(config)
+        scene, _ = described_scene(settings.mesh, SILENT, CONFIGS)
+        first = motion(scene, settings.snapshot.motions[0], CONFIGS)
+        loads = MotionLoads(first, scene)
+        most, before, shown, pulls = 0.0, None, np.zeros_like(scene.mesh.vertices), list[Pull]()
+        for i, frame in enumerate(simulate(FullStepper(scene, settings.snapshot), first)):
+            u, grabs = frame.state.u, loads.at(i, before).grabs
+            before = u
+            if (moved := float(np.linalg.norm(u, axis=1).max())) > most:
+                most, shown, at = moved, u, (i + 1) * scene.time_step
+                pulls = [((scene.mesh.vertices + u)[grab.vertices].mean(axis=0), grab.target) for grab in grabs]
+        name = f"example_{config.stem}.webp"
+        picture = _example(scene, shown, pulls, f"{first.name}, {at:.2f} s")
+        picture.save(PICTURES / name, "WEBP", quality=80)
+        album.keep(name, (PICTURES / name).read_bytes(), [f"configs/{config.name}"])
+
+
+def _example(scene: Scene, u: Array, pulls: Sequence[Pull], title: str) -> Picture:
+    turn = upright(scene.gravity)
+    rest, at = scene.mesh.vertices @ turn.T, (scene.mesh.vertices + u) @ turn.T
+    turned = [(turn @ held, turn @ target) for held, target in pulls]
+    everything = np.concatenate([rest, at, *(np.stack(pull) for pull in turned)])
+    view = look_at_broadside(rest, everything)
+    poses = [DrawnPose("at rest", rest), DrawnPose(title, at, turned)]
+    return side_by_side(poses, surface_triangles(scene.mesh), view, limits_of(view, everything), 720)
 
 
 KINDS: dict[str, Callable[[Path, Album], None]] = {"film": film, "pages": pages, "gallery": gallery}

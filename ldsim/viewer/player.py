@@ -29,7 +29,7 @@ class PlayedMotion:
     @property
     def words(self) -> str:
         """What the page says beside the name."""
-        return f"{self.role}, {self.motion.frames} frames" if self.role else f"{self.motion.frames} frames"
+        return self.role or f"{self.motion.frames} frames"
 
 
 class Player:

@@ -13,7 +13,7 @@ export class Panel {
   constructor(solid, axes, send, local) {
     Object.assign(this, { solid, axes, send, tilt: [0, 0] });
     document.title = `${solid.title} · ldsim`;
-    byId("title").textContent = solid.title;
+    byId("title").textContent = byId("title").title = solid.title;
     byId("subtitle").textContent = solid.subtitle;
     byId("ramp").style.background = gradient();
     byId("pause").onclick = () => send("pause", { value: !this.status.paused });
