@@ -25,9 +25,10 @@ from ldsim.space.basis import Basis, is_identity
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.novelty import fit_novelty
-from ldsim.space.pca import leading_modes, orthonormal_rows, spectrum
+from ldsim.space.pca import orthonormal_rows
 from ldsim.space.projection import reconstruction_error
 from ldsim.space.relaxation import Relaxation
+from ldsim.space.sketch import sketched_modes
 from ldsim.space.space import Space
 
 # Pulls of a round's own runs.
@@ -148,8 +149,7 @@ def _slaved_basis(pieces: list[Piece], run: Run, most: int) -> Basis:
     def chunks() -> Iterator[NDArray[np.float32]]:
         yield from (rows for rows in (piece.rows() for piece in pieces) if len(rows))
 
-    found = spectrum(chunks, run.scene.mass, most)
-    return leading_modes(chunks, run.scene.mass, min(most, found.independent), found)[0]
+    return sketched_modes(chunks, run.scene.mass, most)
 
 
 def _samples(pieces: list[Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:

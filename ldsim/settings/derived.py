@@ -30,6 +30,9 @@ REACH, STRAIN = 0.25, 0.5
 FRAMES, SMOOTH = 40, 1 / 60
 # Of the linear basis; a condensed space takes its coordinates from the first of them.
 COLUMNS = 40
+# Poses of training motions that are relaxed, and of each round of own runs: so many, or up to twice as many of a solid
+# of fewer unknowns, for there a pose costs less than what is fitted to it.
+POSES, EXPLORED, UNKNOWNS = 200, 150, 9000
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,12 @@ def reach_of_pulls(solid: Solid) -> float:
 def time_step(solid: Solid) -> float:
     """A fortieth of its slowest oscillation, s."""
     return rounded(min(solid.period / FRAMES, SMOOTH))
+
+
+def relaxed_poses(unknowns: int) -> tuple[int, int]:
+    """How many poses of the training motions are relaxed, and of each round of own runs."""
+    times = min(max(UNKNOWNS / unknowns, 1.0), 2.0)
+    return round(POSES * times), round(EXPLORED * times)
 
 
 def rounded(value: float, up: bool = False) -> float:

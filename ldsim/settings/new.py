@@ -55,6 +55,7 @@ pca:
 train:
   kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
   hidden: [64, 64]
+  condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
 cubature:
   poses: 200
   heldout_poses: 50
@@ -219,7 +220,7 @@ def with_recordings(text: str, recordings: Sequence[str]) -> str:
 def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
     """What follows from a solid that was looked at while it was of soft rubber, as the template has it."""
     solid = solid.stiffened(modulus / derived.SOFT)
-    step = derived.time_step(solid)
+    step, (poses, explored) = derived.time_step(solid), derived.relaxed_poses(unknowns)
     pulls = {
         "reach": derived.reach_of_pulls(solid),
         "stiffness": derived.stiffness_of_pulls(solid),
@@ -233,6 +234,8 @@ def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
         "slowest": solid.frequencies[0],
         "pulls": ", ".join(f"{name}: {_number(value)}" for name, value in pulls.items()),
         "columns": min(derived.COLUMNS, unknowns),
+        "poses": poses,
+        "explored": explored,
     }
 
 
