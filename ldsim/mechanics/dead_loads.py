@@ -7,14 +7,11 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.errors import SceneError
-from ldsim.mechanics.mass import mass_matrix
 from ldsim.mechanics.options import LoadOptions
-from ldsim.mechanics.quadrature import quadrature
+from ldsim.mechanics.quadrature import GAUSS, mass_matrix, quadrature
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.surface import boundary_faces
-
-GAUSS = 1 / np.sqrt(3)
 
 
 def load_force(mesh: Mesh, density: Array, options: LoadOptions) -> Array:

@@ -12,10 +12,9 @@ from scipy.sparse import csr_array
 from ldsim.arrays import Array, Indices
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
-from ldsim.mechanics.mass import mass_matrix
 from ldsim.mechanics.materials import material_names
 from ldsim.mechanics.properties import Properties, lame_parameters
-from ldsim.mechanics.quadrature import Quadrature, quadrature
+from ldsim.mechanics.quadrature import Quadrature, mass_matrix, quadrature
 from ldsim.mesh.mesh import Mesh, check_cells, components
 
 

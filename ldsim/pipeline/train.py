@@ -12,8 +12,7 @@ from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel, write_model
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.jit import one_thread
-from ldsim.learn.equilibrium import Poses, pose_forces
-from ldsim.learn.examples import Examples
+from ldsim.learn.examples import Examples, Poses, pose_forces
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.search import Searched, search
 from ldsim.learn.training import Trained, train_ordered

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.learn.equilibrium import Poses, pose_forces, spread_numbers
-from ldsim.learn.examples import PoseForces
+from ldsim.learn.examples import PoseForces, Poses, pose_forces, spread_numbers
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mesh.shapes import beam
 from ldsim.space.pca import orthonormalised

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ldsim.mechanics.mass import mass_matrix
-from ldsim.mechanics.quadrature import quadrature, reference_points
+from ldsim.mechanics.quadrature import mass_matrix, quadrature, reference_points
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam, cross
 from tests.helpers import jittered
