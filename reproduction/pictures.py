@@ -217,7 +217,7 @@ def gallery(_: Path, album: Album) -> None:
         if "LDSIM_DATA" in config.read_text(encoding="utf-8"):
             continue  # the paper's own meshes and recordings do not ship with the project
         settings = load_settings(config)
-        scene, _ = described_scene(settings.mesh, SILENT, CONFIGS)
+        scene = described_scene(settings.mesh, SILENT, CONFIGS)[0]
         first = motion(scene, settings.snapshot.motions[0], CONFIGS)
         loads = MotionLoads(first, scene)
         most, before, shown, pulls = 0.0, None, np.zeros_like(scene.mesh.vertices), list[Pull]()
