@@ -15,7 +15,7 @@ from ldsim.artefacts.records import read_scene
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.tetrahedralize import Tetrahedralization
 from ldsim.mesh.triangles import Triangles
-from ldsim.pipeline import surface
+from ldsim.pipeline import mesh as stage
 from tests.cli.experiments import TINY, Experiment
 from tests.mesh.surfaces import soup, surface_of
 
@@ -41,8 +41,8 @@ def experiment(tmp_path: Path) -> Experiment:
 @pytest.fixture
 def ftetwild(monkeypatch: pytest.MonkeyPatch) -> FTetWild:
     stand_in = FTetWild()
-    monkeypatch.setattr(surface, "tetrahedralized", stand_in)
-    monkeypatch.setattr(surface, "tetrahedralized_to_count", stand_in)
+    monkeypatch.setattr(stage, "tetrahedralized", stand_in)
+    monkeypatch.setattr(stage, "tetrahedralized_to_count", stand_in)
     return stand_in
 
 
