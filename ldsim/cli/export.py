@@ -29,6 +29,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--fps", type=click.FloatRange(min=0.1), help="Of webp, mp4, webm: frames a second, in real time.")
 @click.option("--size", type=Size(), help="Of these: pixels, such as 1280x720.")
 @click.option("--view", type=Angles(), help="Of these: azimuth,elevation in degrees, or front, side, top.")
+@click.option("--surface", type=click.Path(path_type=Path), help="Draw this file's surface, with its texture.")
 @click.option("--output", type=click.Path(path_type=Path), help="File or new folder; left out, RUN/export/….")
 def command(run: Path, name: str | None, playground: bool, output: Path | None, **chosen: Any) -> None:
     if playground == (name is not None):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +22,9 @@ from ldsim.export.playback import playback
 from ldsim.export.playground import write_playground
 from ldsim.export.surfaces import write_surfaces
 from ldsim.export.usd import write_usd
+from ldsim.mesh.formats import read_skin
+from ldsim.mesh.skin import Skin
+from ldsim.pipeline.options import MeshOptions
 from ldsim.run import AUTO, REDUCED, Run
 from ldsim.runtime.model_file import portable
 from ldsim.space.space import Space
@@ -86,13 +89,18 @@ FORMATS: dict[str, Format] = {
 
 @dataclass(frozen=True)
 class Choice:
-    """What to export; the motion is the run's first where none is named."""
+    """What to export; the motion is the run's first where none is named.
+
+    Attributes:
+        surface: a file whose surface is drawn in place of the mesh's boundary, with its texture.
+    """
 
     format: str
     motion: str | None = None
     space: str = AUTO
     every: int = 1
     platforms: tuple[str, ...] = ()
+    surface: Path | None = None
     fps: float | None = None
     size: tuple[int, int] | None = None
     view: tuple[float, float] | None = None
@@ -105,6 +113,20 @@ class Choice:
 
 # What `Choice.platforms` are for: formats that hold compiled code.
 COMPILED = {"c": write_c, "fmu": write_fmu}
+
+
+# What `Choice.surface` is for.
+SURFACES = ("gltf", "usd", "obj", "ply")
+
+
+def own_surface(run: Run, file: Path) -> Skin:
+    """The surface of a file, in metres by the scale that the run's mesh was read with.
+
+    Raises:
+        MeshError: it cannot be read, or is no surface.
+    """
+    settings = run.header("scene").settings
+    return read_skin(file, MeshOptions.of_dump(settings).scale if settings else 1.0)
 
 
 def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, str]:
@@ -125,6 +147,8 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
             f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
             f"run {wanted.extra.install}"
         )
+    if choice.surface is not None and choice.format not in SURFACES:
+        raise ExportError(f"{choice.format} draws no surface of your own; --surface is for {', '.join(SURFACES)}")
     if choice.platforms and choice.format not in COMPILED:
         raise ExportError(f"{choice.format} holds no compiled code; --platform is for {' and '.join(COMPILED)}")
     if choice.look != PictureLook() and not wanted.drawn:
@@ -145,6 +169,8 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
     else:
         assert wanted.motion is not None, "a format writes a motion, a model or a space"
         played = playback(run, choice.motion, choice.space).thinned(choice.every)
+        if choice.surface is not None:
+            played = replace(played, skin=own_surface(run, choice.surface))
         lost = f", {played.lost} left out because the run diverged" if played.lost else ""
         write, title = partial(wanted.motion, played), played.title
         write = partial(write, look=choice.look) if wanted.drawn else write

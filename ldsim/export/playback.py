@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.snapshots import Recorded
 from ldsim.errors import ExportError
+from ldsim.export.drawn import Drawn
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
+from ldsim.mesh.skin import Skin
 from ldsim.run import AUTO, SPACES, Run
 from ldsim.space.lifting import Lifting
 
@@ -30,6 +33,7 @@ class Playback:
         coordinates: their coordinates in each frame, (frames, k); None for the full space.
         lost: frames left out at the end because the run diverged there.
         pulls: frame → what is held, (g,) vertices, and where to, (3,) metres, of every drag that pulls in it.
+        skin: what is drawn in place of the mesh's boundary.
     """
 
     motion: str
@@ -42,6 +46,16 @@ class Playback:
     coordinates: Array | None = None
     lost: int = 0
     pulls: Callable[[int], list[tuple[Indices, Array]]] = lambda _: []
+    skin: Skin | None = None
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """The surface that moves.
+
+        Raises:
+            MeshError: the skin lies far outside of the solid.
+        """
+        return Drawn.of(self.mesh, self.skin)
 
     @property
     def title(self) -> str:

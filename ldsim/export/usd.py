@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ldsim.arrays import Array
+from ldsim.export.drawn import Drawn
 from ldsim.export.playback import Playback
-from ldsim.mesh.mesh import Mesh
-from ldsim.mesh.surface import Surface
 
 
 def write_usd(playback: Playback, path: Path) -> None:
@@ -31,7 +30,7 @@ def write_usd(playback: Playback, path: Path) -> None:
     stage.SetStartTimeCode(1)  # frame i is the state at (i + 1) h, and time code 0 is rest
     stage.SetEndTimeCode(playback.frames)
     stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/solid").GetPrim())
-    modes = _define_surface(stage, playback.mesh, U)
+    modes = _define_surface(stage, playback.drawn, U)
     _define_motion(stage, modes, coordinates)
     target = path.with_name(path.name + ".usdc")
     try:
@@ -41,19 +40,21 @@ def write_usd(playback: Playback, path: Path) -> None:
         target.unlink(missing_ok=True)
 
 
-def _define_surface(stage: Any, solid: Mesh, U: Array) -> list[str]:
+def _define_surface(stage: Any, drawn: Drawn, U: Array) -> list[str]:
     """The mesh at /solid/surface and its blend shapes; returns their names."""
-    from pxr import UsdGeom, UsdSkel, Vt
+    from pxr import Sdf, UsdGeom, UsdSkel, Vt
 
-    surface = Surface.of(solid)
-    rest = solid.vertices[surface.vertices].astype(np.float32)
+    rest = drawn.rest.astype(np.float32)
     mesh = UsdGeom.Mesh.Define(stage, "/solid/surface")
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(rest))
-    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(surface.triangles), 3, dtype=np.int32)))
-    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(surface.triangles.ravel()))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(drawn.triangles), 3, dtype=np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(drawn.triangles.ravel()))
     mesh.CreateSubdivisionSchemeAttr("none")
     mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([rest.min(axis=0), rest.max(axis=0)])))
-    modes = U.reshape(solid.n_vertices, 3, -1)[surface.vertices].astype(np.float32)
+    if drawn.skin is not None and drawn.skin.uv is not None:
+        st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
+        st.Set(Vt.Vec2fArray.FromNumpy((drawn.skin.uv * [1, -1] + [0, 1]).astype(np.float32)))  # v goes up in USD
+    modes = drawn.moved(U.reshape(-1, 3, U.shape[1])).astype(np.float32)
     names = [f"mode_{j}" for j in range(modes.shape[2])]
     binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     binding.CreateBlendShapesAttr(names)

@@ -7,7 +7,7 @@ import io
 import math
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import meshio
@@ -15,7 +15,9 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
+from ldsim.mesh.gltf_file import read_gltf
 from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
+from ldsim.mesh.skin import Look, Skin, read_obj
 from ldsim.mesh.triangles import Triangles
 
 CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
@@ -23,6 +25,8 @@ CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
 TAGS = ("gmsh:physical", "medit:ref")
 ENTITIES = ("points", "edges", "faces", "cells")
 SURFACE_CUTS = {"triangle": [[0, 1, 2]], "quad": [[0, 1, 2], [0, 2, 3]]}
+# Read here, with what they are painted with.
+PAINTED = (".obj", ".glb", ".gltf")
 COMMON_EXTENSIONS = ".mesh, .msh, .vtk, .vtu, .inp, .xdmf"
 
 
@@ -78,6 +82,10 @@ def read_surface(path: str | Path, scale: float = 1.0) -> Triangles:
     """
     path = Path(path)
     _check_scale(path, scale)
+    if path.suffix.lower() in PAINTED:
+        skin = read_skin(path, scale)  # where texture coordinates part, so do its vertices: what is one place is joined
+        places, number = np.unique(skin.positions, axis=0, return_inverse=True)
+        return Triangles(places, number[skin.triangles])
     raw = _read_raw(path)
     other = sorted({block.type for block in raw.cells if block.dim > 1 and block.type not in SURFACE_CUTS})
     if other:
@@ -90,6 +98,24 @@ def read_surface(path: str | Path, scale: float = 1.0) -> Triangles:
         raise MeshError(f"{path} holds no triangles; expected a closed triangle surface")
     with naming(path):
         return Triangles(np.asarray(raw.points, dtype=np.float64) * scale, np.concatenate(blocks).astype(np.int64))
+
+
+def read_skin(path: str | Path, scale: float = 1.0) -> Skin:
+    """Read a surface as it is painted: .glb, .gltf or .obj with texture, another format without.
+
+    Raises:
+        MeshError: as of `read_surface`.
+    """
+    path = Path(path)
+    _check_scale(path, scale)
+    if path.suffix.lower() in PAINTED:
+        _check_path(path)
+        with naming(path):
+            skin = read_obj(path) if path.suffix.lower() == ".obj" else read_gltf(path)
+        return replace(skin, positions=skin.positions * scale)
+    read = read_surface(path, scale)
+    part = np.zeros(len(read.faces), dtype=np.int64)
+    return Skin(read.vertices, read.faces, None, None, part, ((path.stem, Look("surface")),))
 
 
 @contextlib.contextmanager
@@ -111,7 +137,7 @@ def _check_path(path: Path) -> None:
         raise MeshError(f"{path} is a directory; expected a mesh file")
     if not path.is_file():
         raise MeshError(f"mesh file {path} does not exist; check the path (mesh.file)")
-    if path.suffix.lower() not in meshio.extension_to_filetypes:
+    if path.suffix.lower() not in (*meshio.extension_to_filetypes, *PAINTED):
         raise MeshError(f"{path} has the unknown extension {path.suffix!r}; allowed are {COMMON_EXTENSIONS} and others")
     if path.stat().st_size == 0:
         raise MeshError(f"mesh file {path} is empty")

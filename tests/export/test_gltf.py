@@ -15,7 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.errors import ExportError
-from ldsim.export.gltf import normal_derivative, vertex_normals, write_glb
+from ldsim.export.drawn import normal_derivative, vertex_normals
+from ldsim.export.gltf import write_glb
 from ldsim.export.playback import playback
 from ldsim.mesh.surface import Surface
 from ldsim.run import Run
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 Accessor = Callable[[int], NDArray[np.generic]]
 
 ROOT = Path(__file__).parents[2]
-WIDTH = {"SCALAR": 1, "VEC3": 3}
+WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}
 TYPE = {5126: "<f4", 5125: "<u4"}
 VALIDATE = """
 const validator = require('gltf-validator');

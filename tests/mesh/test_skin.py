@@ -1,0 +1,87 @@
+"""Surfaces as they are painted: read from OBJ and glTF alike, and what is wrong with a file said in a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ldsim.errors import MeshError
+from ldsim.mesh.formats import read_skin, read_surface
+from tests.mesh.painted import PICTURE, WRITERS, box
+
+LOW, HIGH = np.array([1.0, 2.0, 3.0]), np.array([2.0, 2.5, 4.5])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_places_texture_normals_and_parts_are_as_they_were_painted(tmp_path: Path, name: str) -> None:
+    skin = read_skin(WRITERS[name](tmp_path, LOW, HIGH), scale=2.0)
+    corners, uv, normals = box(2 * LOW, 2 * HIGH)
+    assert len(skin.positions) == 24 and len(skin.triangles) == 12
+    assert skin.uv is not None and skin.normals is not None
+    np.testing.assert_allclose(skin.positions, corners.reshape(-1, 3), atol=1e-6)
+    np.testing.assert_allclose(skin.uv, uv.reshape(-1, 2) * [1, -1] + [0, 1], atol=1e-7)
+    np.testing.assert_allclose(skin.normals, np.repeat(normals, 4, axis=0), atol=1e-6)
+    a, b, c = np.moveaxis(skin.positions[skin.triangles], 1, 0)
+    assert (np.einsum("ti,ti->t", np.cross(b - a, c - a), skin.normals[skin.triangles[:, 0]]) > 0).all()
+    assert skin.part.tolist() == [0] * 4 + [1] * 8
+    (_, wood), (_, paint) = skin.parts
+    assert (wood.name, wood.colour, wood.texture, wood.suffix) == ("wood", (1, 0.5, 0.25, 1), PICTURE, ".png")
+    assert (paint.name, paint.colour, paint.texture) == ("paint", (0, 0, 1, 0.5), b"")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_to_be_filled_with_tets_it_is_closed_though_its_texture_has_seams(tmp_path: Path, name: str) -> None:
+    surface = read_surface(WRITERS[name](tmp_path, LOW, HIGH))
+    edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert len(surface.vertices) == 8
+    assert set(np.unique(edges, axis=0, return_counts=True)[1].tolist()) == {2}
+    assert np.ptp(surface.vertices, axis=0) == pytest.approx(HIGH - LOW, abs=1e-6)
+
+
+def test_other_formats_have_places_alone(tmp_path: Path) -> None:
+    (tmp_path / "a.off").write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n")
+    skin = read_skin(tmp_path / "a.off", 0.5)
+    assert skin.uv is None and skin.normals is None and skin.positions[1].tolist() == [0.5, 0, 0]
+
+
+def _gltf(document: dict[str, object]) -> str:
+    return json.dumps({"asset": {"version": "2.0"}, **document})
+
+
+WRONG = {
+    "missing": (None, "glb", "does not exist"),
+    "corner": ("v 0 0 0\nv 1 0 0\nf 1 2 7\n", "obj", "line 3: f '1 2 7' is not understood"),
+    "number": ("v 0 zero 0\n", "obj", "line 1: v '0 zero 0' is not understood"),
+    "no faces": ("v 0 0 0\n", "obj", "the surface has no triangles"),
+    "not finite": ("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj", "not finite"),
+    "no JSON": ("solid", "gltf", "not a readable glTF file"),
+    "empty": (_gltf({}), "gltf", "holds no triangles"),
+    "compressed": (_gltf({"extensionsRequired": ["KHR_draco_mesh_compression"]}), "gltf", "KHR_draco_mesh_compression"),
+    "elsewhere": (
+        _gltf(
+            {
+                "nodes": [{"mesh": 0}],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+                "bufferViews": [{"buffer": 0, "byteLength": 36}],
+                "buffers": [{"byteLength": 36, "uri": "../secret.bin"}],
+            }
+        ),
+        "gltf",
+        "does not lie beside it",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path: Path, case: str) -> None:
+    text, suffix, words = WRONG[case]
+    file = tmp_path / f"a.{suffix}"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(MeshError, match=words) as error:
+        read_skin(file)
+    assert file.name in str(error.value)
