@@ -21,6 +21,7 @@ from ldsim.settings import load_settings
 from ldsim.settings.derived import (
     pins_of,
     reach_of_pulls,
+    relaxed_poses,
     stiffening,
     stiffness_of_pulls,
     time_step,
@@ -128,6 +129,11 @@ def rod(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "parts" / "my rod.vtk"
     meshio.Mesh(mesh.vertices, [("tetra", mesh.cells)]).write(path)
     return path
+
+
+@pytest.mark.parametrize(("unknowns", "poses"), [(300, (400, 300)), (6000, (300, 225)), (90_000, (200, 150))])
+def test_a_small_solid_is_shown_more_poses_up_to_twice_as_many(unknowns: int, poses: tuple[int, int]) -> None:
+    assert relaxed_poses(unknowns) == poses
 
 
 def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Path) -> None:
