@@ -45,9 +45,9 @@ report: ## stage 7 and the default: write the report
 $(ENVIRONMENT): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing the packages of requirements.lock into $(VENV), some minutes and about 1.5 GB"
-	$(VENV)/bin/python -m pip install --quiet $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
+	$(VENV)/bin/python -m pip install $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
 	    $(shell grep ^torch== requirements.lock)
-	$(VENV)/bin/python -m pip install --quiet --constraint requirements.lock --editable '.[dev]'
+	$(VENV)/bin/python -m pip install --constraint requirements.lock --editable '.[dev]'
 	@touch $@
 
 demo: ## the embedded demo through all stages

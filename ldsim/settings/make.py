@@ -80,7 +80,7 @@ class Staleness:
         path, section = self._run.path(kind), self._section(kind, stage)
         if not path.is_file():
             wanted = kind != TESTS or self._settings.snapshot.tests.motions
-            return f"{path.name} is missing" if wanted else None
+            return f"{path.name} is not there yet" if wanted else None
         with reading(path, kind) as file:
             header = read_header(file)
         if header.notes.get("experiment") != self._settings.experiment:

@@ -78,7 +78,7 @@ def test_a_setting_makes_its_stage_and_what_follows_stale(
 def test_a_missing_artefact_is_made_again_with_what_follows(experiment: Experiment, stage: str) -> None:
     (experiment.run / WRITES[stage]).unlink()
     found = stale(experiment)
-    assert found[stage] == f"{WRITES[stage]} is missing"
+    assert found[stage] == f"{WRITES[stage]} is not there yet"
     assert list(found) == after(stage)
 
 
