@@ -33,7 +33,9 @@ def test_affine_fields_are_carried_as_they_are_and_pins_stand_still(relaxation: 
     chosen, near, weights = interpolation(solid, 60)
     assert near.shape[1] > 1 and not weights[solid.pinned].any() and solid.movable[chosen].all()
     x, P = solid.mesh.vertices, interpolator(near, weights)
-    far = x[:, 0] > np.median(x[:, 0])  # nearer to the pins some anchors are pinned, and the field comes to rest
+    away = (x[:, 0] - x[:, 0].min())[:, None] * [1.0, -2.0, 0.5]  # zero at the pins, so pinned anchors say so
+    np.testing.assert_allclose(P @ away[chosen], away, atol=1e-6 * solid.mesh.diagonal)
+    far = x[:, 0] > np.median(x[:, 0])  # nearer to the pins some anchors are pinned
     np.testing.assert_allclose((P @ np.ones(len(chosen)))[far], 1.0, atol=1e-6)
     np.testing.assert_allclose((P @ x[chosen])[far], x[far], atol=1e-6 * solid.mesh.diagonal)
 
