@@ -10,7 +10,7 @@ import click
 
 from ldsim.cli.app import run_argument
 from ldsim.cli.parameters import Angles, Size
-from ldsim.export.formats import FORMATS, Choice, export
+from ldsim.export.formats import FORMATS, Choice, export, megabytes
 from ldsim.jit import one_thread
 from ldsim.run import AUTO, SPACES, Run
 from ldsim.runtime.compilers import PLATFORMS
@@ -37,5 +37,4 @@ def command(run: Path, name: str | None, playground: bool, output: Path | None, 
     started = time.perf_counter()
     with one_thread(), Run.open(run) as opened:
         path, what = export(opened, Choice(name or "playground", **chosen), output)
-    megabytes = sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])) / 1e6
-    click.echo(f"{path}: {what}, {megabytes:.1f} MB ({time.perf_counter() - started:.1f} s)")
+    click.echo(f"{path}: {what}, {megabytes(path):.1f} MB ({time.perf_counter() - started:.1f} s)")

@@ -192,3 +192,8 @@ def _output(run: Run, wanted: Format, name: str, output: Path | None) -> Path:
     if output.exists() and not wanted.suffix:
         raise ExportError(f"the output folder {output} exists already; give the name of a new one")
     return output
+
+
+def megabytes(path: Path) -> float:
+    """The size of what was written, a file or a folder."""
+    return sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])) / 1e6

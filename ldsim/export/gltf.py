@@ -20,7 +20,7 @@ from ldsim.arrays import Array
 from ldsim.errors import ExportError
 from ldsim.export.drawn import Drawn
 from ldsim.export.playback import Playback
-from ldsim.mesh.skin import Look, Skin
+from ldsim.mesh.skin import Paint, Skin
 from ldsim.report.camera import upright
 from ldsim.report.drawing import CLAY
 
@@ -113,7 +113,7 @@ def _primitives(buffer: _Buffer, drawn: Drawn, modes: Array) -> list[dict[str, A
 
 def _materials(buffer: _Buffer, skin: Skin | None) -> dict[str, Any]:
     """The looks of a skin's parts, with their pictures inside; clay where there is no skin."""
-    looks = (Look("clay", (*CLAY, 1.0)),) if skin is None else tuple(look for _, look in skin.parts)
+    looks = (Paint("clay", (*CLAY, 1.0)),) if skin is None else tuple(look for _, look in skin.parts)
     found: dict[str, Any] = {"materials": [], "images": [], "textures": []}
     for look in looks:
         paint: dict[str, Any] = {"baseColorFactor": [*look.colour]}

@@ -9,7 +9,7 @@ import numpy as np
 
 from ldsim.export.drawn import Drawn
 from ldsim.export.playback import Playback
-from ldsim.mesh.skin import Look, Skin
+from ldsim.mesh.skin import Paint, Skin
 
 
 def write_surfaces(playback: Playback, folder: Path, suffix: str, **options: bool) -> None:
@@ -67,5 +67,5 @@ def _label(number: int, skin: Skin) -> str:
     return f"{'_'.join(skin.parts[number][1].name.split())}_{number}"
 
 
-def _picture(number: int, look: Look) -> str:
+def _picture(number: int, look: Paint) -> str:
     return f"texture_{number}{look.suffix}"

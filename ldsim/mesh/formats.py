@@ -17,7 +17,7 @@ from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
 from ldsim.mesh.gltf_file import read_gltf
 from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
-from ldsim.mesh.skin import Look, Skin, read_obj
+from ldsim.mesh.skin import Paint, Skin, read_obj
 from ldsim.mesh.triangles import Triangles
 
 CELL_TYPES = {"tetra": "tet4", "hexahedron": "hex8"}
@@ -115,7 +115,7 @@ def read_skin(path: str | Path, scale: float = 1.0) -> Skin:
         return replace(skin, positions=skin.positions * scale)
     read = read_surface(path, scale)
     part = np.zeros(len(read.faces), dtype=np.int64)
-    return Skin(read.vertices, read.faces, None, None, part, ((path.stem, Look("surface")),))
+    return Skin(read.vertices, read.faces, None, None, part, ((path.stem, Paint("surface")),))
 
 
 @contextlib.contextmanager

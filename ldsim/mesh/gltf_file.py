@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ldsim.arrays import Array
 from ldsim.errors import MeshError
-from ldsim.mesh.skin import Look, Skin
+from ldsim.mesh.skin import Paint, Skin
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -72,7 +72,7 @@ class _File:
             tuple(part for *_, part in pieces),
         )
 
-    def _placed(self) -> Iterator[tuple[Array, NDArray[np.int64], Array | None, Array | None, tuple[str, Look]]]:
+    def _placed(self) -> Iterator[tuple[Array, NDArray[np.int64], Array | None, Array | None, tuple[str, Paint]]]:
         """Positions, triangles, texture coordinates, normals and part of each primitive, where its node puts it."""
         nodes = self.document.get("nodes", [])
         scenes = self.document.get("scenes", [{"nodes": list(range(len(nodes)))}])
@@ -91,7 +91,7 @@ class _File:
 
     def _primitive(
         self, primitive: dict[str, Any], place: Array, name: str
-    ) -> tuple[Array, NDArray[np.int64], Array | None, Array | None, tuple[str, Look]]:
+    ) -> tuple[Array, NDArray[np.int64], Array | None, Array | None, tuple[str, Paint]]:
         attributes = primitive["attributes"]
         x = self._values(attributes["POSITION"])
         corners = self._values(primitive["indices"]).ravel() if "indices" in primitive else np.arange(len(x))
@@ -121,16 +121,16 @@ class _File:
         share = entry.get("normalized", False) and kind.kind in "iu"
         return raw / np.iinfo(kind).max if share else raw
 
-    def _look(self, number: int | None) -> Look:
+    def _look(self, number: int | None) -> Paint:
         if number is None:
-            return Look("surface")
+            return Paint("surface")
         material = self.document["materials"][number]
         paint = material.get("pbrMetallicRoughness", {})
         red, green, blue, alpha = paint.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))
         texture, suffix = self._picture(paint["baseColorTexture"]) if "baseColorTexture" in paint else (b"", "")
         name = str(material.get("name", f"material_{number}"))
         surface = (paint.get("metallicFactor", 1.0), paint.get("roughnessFactor", 1.0))
-        return Look(name, (red, green, blue, alpha), texture, suffix, *surface)
+        return Paint(name, (red, green, blue, alpha), texture, suffix, *surface)
 
     def _picture(self, texture: dict[str, Any]) -> tuple[bytes, str]:
         image = self.document["images"][self.document["textures"][texture["index"]]["source"]]

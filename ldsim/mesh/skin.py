@@ -13,7 +13,7 @@ from ldsim.errors import MeshError
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Paint:
     """What a part of a surface is painted with.
 
     Attributes:
@@ -48,7 +48,7 @@ class Skin:
     uv: Array | None
     normals: Array | None
     part: Indices
-    parts: tuple[tuple[str, Look], ...]
+    parts: tuple[tuple[str, Paint], ...]
 
     def __post_init__(self) -> None:
         n = len(self.positions)
@@ -72,7 +72,7 @@ class _Obj:
     triangles: list[list[int]] = field(default_factory=list)
     part: list[int] = field(default_factory=list)
     names: dict[tuple[str, str], int] = field(default_factory=dict)
-    looks: dict[str, Look] = field(default_factory=dict)
+    looks: dict[str, Paint] = field(default_factory=dict)
 
 
 def read_obj(path: Path) -> Skin:
@@ -119,20 +119,20 @@ def _skin_of(said: _Obj) -> Skin:
     numbers = {kind: np.array(values, dtype=np.float64) for kind, values in said.numbers.items()}
     uv = numbers["vt"][t] * [1.0, -1.0] + [0.0, 1.0] if len(t) and t.min() >= 0 else None
     normals = numbers["vn"][n] if len(n) and n.min() >= 0 else None
-    parts = tuple((group, said.looks.get(name, Look(name or "surface"))) for group, name in said.names)
+    parts = tuple((group, said.looks.get(name, Paint(name or "surface"))) for group, name in said.names)
     triangles = np.array(said.triangles, dtype=np.int64).reshape(-1, 3)
     return Skin(numbers["v"].reshape(-1, 3)[v], triangles, uv, normals, np.array(said.part, dtype=np.int64), parts)
 
 
-def _materials(path: Path) -> dict[str, Look]:
+def _materials(path: Path) -> dict[str, Paint]:
     """The looks of an MTL file; what is not there leaves a plain one."""
-    found: dict[str, Look] = {}
+    found: dict[str, Paint] = {}
     if not path.is_file():
         return found
     name = ""
     for _, (word, rest) in _lines(path):
         if word == "newmtl":
-            name, found[rest] = rest, Look(rest)
+            name, found[rest] = rest, Paint(rest)
         elif word == "Kd" and name:
             red, green, blue = map(float, rest.split()[:3])
             found[name] = replace(found[name], colour=(red, green, blue, found[name].colour[3]))
