@@ -94,18 +94,6 @@ BAD_FILES = {
 }
 
 
-@pytest.mark.parametrize("make, message", BAD_FILES.values(), ids=BAD_FILES.keys())
-def test_a_bad_file_is_refused_in_one_line_that_names_it(
-    make: Callable[[Path], Path], message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = make(tmp_path)
-    with pytest.raises(MeshError, match=message) as refusal:
-        read_mesh(path)
-    assert str(path) in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-    assert capfd.readouterr() == ("", "")
-
-
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_scale_that_is_no_positive_number_is_refused(scale: float, tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="scale is"):
@@ -247,13 +235,22 @@ BAD_SURFACES = {
 }
 
 
-@pytest.mark.parametrize("make, message", BAD_SURFACES.values(), ids=BAD_SURFACES.keys())
-def test_a_bad_surface_file_is_refused_in_one_line_that_names_it(
-    make: Callable[[Path], Path], message: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+BAD = {f"mesh, {name}": (read_mesh, *bad) for name, bad in BAD_FILES.items()} | {
+    f"surface, {name}": (read_surface, *bad) for name, bad in BAD_SURFACES.items()
+}
+
+
+@pytest.mark.parametrize("read, make, message", BAD.values(), ids=BAD.keys())
+def test_a_bad_file_is_refused_in_one_line_that_names_it(
+    read: Callable[[Path], object],
+    make: Callable[[Path], Path],
+    message: str,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     path = make(tmp_path)
     with pytest.raises(MeshError, match=message) as refusal:
-        read_surface(path)
+        read(path)
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert capfd.readouterr() == ("", "")
