@@ -19,7 +19,7 @@ from ldsim.viewer.hands import Hands
 from ldsim.viewer.payload import MAX_GRABS, GrabFrame, frame_bytes, space_block
 from ldsim.viewer.player import Player
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.state import Audience, Errors, Look, space_frame
+from ldsim.viewer.state import Audience, Errors, PageLook, space_frame
 
 TICK = 1 / 60
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
@@ -54,7 +54,7 @@ class Session:
         self.player = played.player if isinstance(played, Recorder) else played or Player()
         self._colours = Colours(first[0].scene, first[0].surface)
         x, y, z = (float(value) for value in first[0].gravity)
-        self.look = Look((x, y, z))
+        self.look = PageLook((x, y, z))
         self.hands = Hands()
         self._told: queue.Queue[tuple[int, protocol.Message | None]] = queue.Queue(maxsize=1000)
         self._watched, self._stopped = threading.Event(), threading.Event()

@@ -15,7 +15,7 @@ OUTCOMES = tuple(Outcome)
 
 
 @dataclass
-class Look:
+class PageLook:
     """What the page has chosen."""
 
     gravity: tuple[float, float, float]
