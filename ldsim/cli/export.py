@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from ldsim.cli.app import run_argument
-from ldsim.cli.parameters import Angles, Size
+from ldsim.cli.parameters import Angles, Size, run_argument
 from ldsim.export.formats import FORMATS, Choice, export, megabytes
 from ldsim.jit import one_thread
 from ldsim.run import AUTO, SPACES, Run

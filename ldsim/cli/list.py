@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import printable, runs_option
+from ldsim.cli.app import printable
+from ldsim.cli.parameters import runs_option
 from ldsim.report.overview import listed
 
 

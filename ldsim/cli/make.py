@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import Percent, on_configuration
+from ldsim.cli.parameters import Percent, on_configuration
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings

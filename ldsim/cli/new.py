@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import runs_option
+from ldsim.cli.parameters import runs_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
 from ldsim.settings.new import NewOptions, new

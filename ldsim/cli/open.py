@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import browser_option, run_argument
+from ldsim.cli.parameters import browser_option, run_argument
 from ldsim.report.overview import page_of
 
 

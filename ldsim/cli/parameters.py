@@ -1,11 +1,42 @@
-"""How the look of pictures is said."""
+"""What several commands take: a run, a configuration, a server's options, percentages, and the look of pictures."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
+from pathlib import Path
 
 import click
+
+run_argument = click.argument("run", type=click.Path(path_type=Path))
+runs_option = click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+
+
+def on_configuration(name: str, description: str) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a command of a function that takes a configuration, the folder of all runs, and its own options."""
+    config = click.argument("config", type=click.Path(path_type=Path))
+    return lambda function: click.command(name, help=description)(config(runs_option(function)))
+
+
+port_option = click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any that is free.")
+browser_option = click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
+until_closed_option = click.option("--until-closed", is_flag=True, help="End when the page is closed.")
+
+
+class Percent(click.ParamType[float]):
+    """A share above 0, said in percent, with or without the sign."""
+
+    name = "percent"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            found = float(str(value).strip().removesuffix("%"))
+        except ValueError:
+            found = 0.0
+        if not 0 < found < math.inf:
+            self.fail(f"{value!r} is no percentage above 0, such as 5 or 5%", param, ctx)
+        return found
 
 
 class Size(click.ParamType[tuple[int, int]]):

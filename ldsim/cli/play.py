@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import browser_option, port_option, run_argument, until_closed_option
+from ldsim.cli.parameters import browser_option, port_option, run_argument, until_closed_option
 from ldsim.cli.stage import Bars
 from ldsim.jit import kernel_cache
 from ldsim.viewer.playground import play_server

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import browser_option, port_option, until_closed_option
+from ldsim.cli.parameters import browser_option, port_option, until_closed_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
 from ldsim.settings.record import RecordOptions, recording_scene

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.app import on_configuration
+from ldsim.cli.parameters import on_configuration
 from ldsim.pipeline.solid import solid_of
 from ldsim.run import Run
 from ldsim.settings import load_settings

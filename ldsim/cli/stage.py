@@ -13,7 +13,7 @@ from typing import Any, Literal, Never, TypeVar, get_args, get_origin
 import click
 from tqdm import tqdm
 
-from ldsim.cli.app import on_configuration
+from ldsim.cli.parameters import on_configuration
 from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
