@@ -46,7 +46,8 @@ from tests.viewer.served import served
 
 MADE = PICTURES / "made.json"
 LARGEST = 600_000  # bytes
-FILM_SECONDS, FILM_FRAMES, FILM_WIDTH = 3.0, 60, 960
+# The demo is pulled at fast: a quarter of its speed can be followed.
+FILM_SECONDS, FILM_FRAMES, FILM_WIDTH, SLOWER = 1.0, 50, 520, 4
 # What the pages look like is in these.
 PLAYGROUND = ["ldsim/web/pages/playground.html", "ldsim/web/pages/playground.css", "ldsim/web/pages/palette.css"]
 REPORT = ["ldsim/report/templates/report.html", "ldsim/report/templates/style.css", "ldsim/web/pages/palette.css"]
@@ -54,22 +55,16 @@ COMPARISON = ["ldsim/report/templates/compare.html", *REPORT[1:]]
 DEMO = "configs/demo.yaml"
 
 
-class Album:
-    """The pictures, and what each was made from."""
-
-    def __init__(self) -> None:
-        self.made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
-
-    def keep(self, name: str, data: bytes, shows: Sequence[str]) -> None:
-        """Write a picture that shows these files of the project."""
-        assert len(data) < LARGEST, f"{name} has {len(data)} bytes"
-        (PICTURES / name).write_bytes(data)
-        self.made[name] = input_hashes(shows)
-        write_json(MADE, dict(sorted(self.made.items())))
-        print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
+def keep(name: str, data: bytes, shows: Sequence[str]) -> None:
+    """Write a picture that shows these files of the project."""
+    assert len(data) < LARGEST, f"{name} has {len(data)} bytes"
+    (PICTURES / name).write_bytes(data)
+    made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
+    write_json(MADE, dict(sorted({**made, name: input_hashes(shows)}.items())))
+    print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
 
 
-def film(runs: Path, album: Album) -> None:
+def film(runs: Path) -> None:
     """The demo pulled at in a motion that nothing had seen: finite elements and the space that simulate chose."""
     report = json.loads((runs / "demo" / "report" / "report.json").read_text(encoding="utf-8"))
     with Run.open(runs / "demo") as run:
@@ -98,7 +93,7 @@ def film(runs: Path, album: Album) -> None:
             movements.append(Movement(title, positions, pulls))
         view = look_at_broadside(rest, np.concatenate([each.positions for each in movements]))
         pictures = moving_pictures(movements, surface_triangles(run.scene.mesh), view, FILM_WIDTH)
-        album.keep("demo.webp", webp(list(pictures), max(20, round(1000 * h * frames.step))), [DEMO])
+        keep("demo.webp", webp(list(pictures), round(1000 * SLOWER * h * frames.step)), [DEMO])
         cells = run.scene.mesh.n_cells
     error = _entry(report, space, motion)["online_error"]["relative"]
     rows = [
@@ -116,33 +111,32 @@ def _entry(report: Any, space: str, motion: str) -> Any:
     return next(entry for entry in report["simulate"][space] if entry["motion"] == motion)
 
 
-def pages(runs: Path, album: Album) -> None:
+def pages(runs: Path) -> None:
     """The pages of `ldsim play`, `record`, `report`, `compare` and the exported playground, in a browser."""
     with chromium() as tab, one_thread():
         tab.size(1280, 800)
-        _played(tab, runs / "demo", album)
-        _recorded(tab, album)
-        _exported(tab, runs / "demo", album)
-        _reported(tab, runs, album)
+        _exported(tab, runs / "demo")
+        _reported(tab, runs)
+        _played(tab, runs / "demo")
+        _recorded(tab)
 
 
 READY = "window.ldsim !== undefined && ldsim.ready"
-# The vertex that reaches farthest up and to the right, which an arm of the demo ends in.
+# A place on the solid near its vertex that reaches farthest up and to the right, which an arm of the demo ends in.
 TIP = """(() => {
-  const count = ldsim.positions(0).length / 3;
-  let best = [0, 0], far = -Infinity;
-  for (let i = 0; i < count; i++) {
-    const [x, y] = ldsim.screen(0, i);
-    if (x - y > far) [far, best] = [x - y, [x, y]];
+  const places = Array.from({ length: ldsim.positions(0).length / 3 }, (_, i) => ldsim.screen(0, i));
+  const tip = places.reduce((best, p) => (p[0] - p[1] > best[0] - best[1] ? p : best));
+  const middle = [0, 1].map((axis) => places.reduce((sum, p) => sum + p[axis] / places.length, 0));
+  for (let t = 0.05; t < 1; t += 0.02) {
+    const [offsetX, offsetY] = tip.map((x, axis) => x + t * (middle[axis] - x));
+    if (ldsim.stage.hit({ offsetX, offsetY })) return [offsetX, offsetY];
   }
-  return best;
 })()"""
 
 
 def _pull(tab: Tab, way: tuple[float, float]) -> None:
     """Take hold a little inside of the tip, and pull."""
-    x, y = tab.evaluate(TIP)
-    at = (x - 14, y + 14)
+    at = tab.evaluate(TIP)
     tab.mouse("mousePressed", at)
     for i in range(1, 9):
         tab.mouse("mouseMoved", (at[0] + way[0] * i / 8, at[1] + way[1] * i / 8))
@@ -156,16 +150,16 @@ def _picture(tab: Tab, name: str) -> bytes:
     return path.read_bytes()
 
 
-def _played(tab: Tab, run: Path, album: Album) -> None:
+def _played(tab: Tab, run: Path) -> None:
     with served(play_server(run, ["latent", "linear", "full"], 0, until_closed=False)) as url:
         tab.open(url)
         tab.wait(READY)
         _pull(tab, (50, -70))
-        album.keep("play.webp", _picture(tab, "play.webp"), [DEMO, *PLAYGROUND])
+        keep("play.webp", _picture(tab, "play.webp"), [DEMO, *PLAYGROUND])
         tab.mouse("mouseReleased", (0, 0))
 
 
-def _recorded(tab: Tab, album: Album) -> None:
+def _recorded(tab: Tab) -> None:
     section = load_settings(CONFIGS / "demo.yaml").mesh
     assert section.shape is not None
     folder = PICTURES / "temporary"
@@ -177,41 +171,41 @@ def _recorded(tab: Tab, album: Album) -> None:
         tab.wait(READY)
         tab.evaluate("document.getElementById('record').click()")
         _pull(tab, (60, -80))
-        album.keep("record.webp", _picture(tab, "record.webp"), [DEMO, *PLAYGROUND])
+        keep("record.webp", _picture(tab, "record.webp"), [DEMO, *PLAYGROUND])
         tab.mouse("mouseReleased", (0, 0))
     for file in folder.iterdir():
         file.unlink()
     folder.rmdir()
 
 
-def _exported(tab: Tab, run: Path, album: Album) -> None:
+def _exported(tab: Tab, run: Path) -> None:
     page = PICTURES / "temporary.html"
     with Run.open(run) as opened:
         write_playground(opened, page)
     tab.open(page.as_uri())
     tab.wait("window.ldsim && ldsim.source.seconds > 0")
     _pull(tab, (50, -70))
-    album.keep("playground.webp", _picture(tab, "playground.webp"), [DEMO, *PLAYGROUND])
+    keep("playground.webp", _picture(tab, "playground.webp"), [DEMO, *PLAYGROUND])
     tab.mouse("mouseReleased", (0, 0))
     page.unlink()
 
 
-def _reported(tab: Tab, runs: Path, album: Album) -> None:
+def _reported(tab: Tab, runs: Path) -> None:
     tab.open((runs / "demo" / "report" / "report.html").resolve().as_uri())
     tab.wait("document.querySelector('figure.replay')?.replay !== undefined")
     tab.evaluate("document.querySelector('figure.replay').scrollIntoView()")
     time.sleep(1)
-    album.keep("report.webp", _picture(tab, "report.webp"), [DEMO, *REPORT])
+    keep("report.webp", _picture(tab, "report.webp"), [DEMO, *REPORT])
     page = PICTURES / "temporary.html"
     compare([runs / "demo", runs / "ci"], page)
     tab.open(page.as_uri())
     time.sleep(1)
-    album.keep("compare.webp", _picture(tab, "compare.webp"), [DEMO, "configs/ci.yaml", *COMPARISON])
+    keep("compare.webp", _picture(tab, "compare.webp"), [DEMO, "configs/ci.yaml", *COMPARISON])
     page.unlink()
     page.with_suffix(".json").unlink()
 
 
-def gallery(_: Path, album: Album) -> None:
+def gallery(_: Path) -> None:
     """Every example: at rest, and where its first motion moves it most, in the full space."""
     for config in sorted(CONFIGS.glob("*.yaml")):
         if "LDSIM_DATA" in config.read_text(encoding="utf-8"):
@@ -231,7 +225,7 @@ def gallery(_: Path, album: Album) -> None:
         name = f"example_{config.stem}.webp"
         picture = _example(scene, shown, pulls, f"{first.name}, {at:.2f} s")
         picture.save(PICTURES / name, "WEBP", quality=80)
-        album.keep(name, (PICTURES / name).read_bytes(), [f"configs/{config.name}"])
+        keep(name, (PICTURES / name).read_bytes(), [f"configs/{config.name}"])
 
 
 def _example(scene: Scene, u: Array, pulls: Sequence[Pull], title: str) -> Picture:
@@ -244,7 +238,7 @@ def _example(scene: Scene, u: Array, pulls: Sequence[Pull], title: str) -> Pictu
     return side_by_side(poses, surface_triangles(scene.mesh), view, limits_of(view, everything), 720)
 
 
-KINDS: dict[str, Callable[[Path, Album], None]] = {"film": film, "pages": pages, "gallery": gallery}
+KINDS: dict[str, Callable[[Path], None]] = {"film": film, "pages": pages, "gallery": gallery}
 
 
 def main() -> None:
@@ -252,9 +246,8 @@ def main() -> None:
     arguments.add_argument("kinds", nargs="*", choices=[*KINDS, []], help="some only")
     arguments.add_argument("--runs", type=Path, default=Path("runs"), help="folder of all runs")
     chosen = arguments.parse_args()
-    album = Album()
     for kind in chosen.kinds or KINDS:
-        KINDS[kind](chosen.runs, album)
+        KINDS[kind](chosen.runs)
 
 
 if __name__ == "__main__":
