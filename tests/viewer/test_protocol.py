@@ -20,6 +20,7 @@ GOOD: list[protocol.Message] = [
     protocol.SwitchMessage(kind="pause", value=True),
     protocol.ButtonMessage(kind="step"),
     protocol.ButtonMessage(kind="reset"),
+    protocol.ButtonMessage(kind="undo"),
     protocol.SpacesMessage(value=("latent", "full")),
     protocol.WordMessage(kind="colour", value="stress"),
     protocol.WordMessage(kind="take", value="motion-2"),
