@@ -102,6 +102,10 @@ class Hands:
         held = {key: replace(each, handles=list(each.handles)) for key, each in self.held.items()}
         self._poses.append(KeptPose(tuple(shown), [simulator.save() for simulator in shown], held, seconds))
 
+    def forget(self) -> None:
+        """Drop the last pose kept: what it was kept for did not happen."""
+        self._poses.pop()
+
     def undo(self, shown: Sequence[Simulator]) -> float:
         """Back to the last pose kept; returns its time. Spaces that were not shown then take over from one that was.
 

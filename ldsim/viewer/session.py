@@ -258,7 +258,7 @@ class Session:
         if len(self.hands.held) >= limit or message.id in self.hands.held:
             return False
         self._stop_playing()
-        self._remember()
+        remembered = self._remember()
 
         def take_hold(simulator: Simulator) -> Handle:
             point, target = np.array(message.point), np.array(message.target)
@@ -268,7 +268,12 @@ class Session:
 
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            self.hands.grab(client, message, self._shown, take_hold)
+            try:
+                self.hands.grab(client, message, self._shown, take_hold)
+            except LdsimError:
+                if remembered:
+                    self.hands.forget()
+                raise
         if warned:
             self._audience.notice("this place is pinned and will not move; pull where the solid can give way")
         return playing
@@ -298,9 +303,12 @@ class Session:
         self._condition()
         self._simulated, self._records, self._errors = 0.0, [], Errors()
 
-    def _remember(self) -> None:
-        if self.recorder is None or not self.recorder.recording:
+    def _remember(self) -> bool:
+        """Keep the pose for an undo; not while a recording runs, which has none."""
+        recording = self.recorder is not None and self.recorder.recording
+        if not recording:
             self.hands.remember(self._shown, self._simulated)
+        return not recording
 
     def _undo(self) -> None:
         if self.recorder is not None and self.recorder.recording:

@@ -189,7 +189,6 @@ def test_what_cannot_be_done_is_said_and_nothing_breaks(url: str) -> None:
             ({"kind": "spaces", "value": ["fluid"]}, "offered are latent, linear, full"),
             ({"kind": "colour", "value": "smell"}, "known are plain"),
             ({"kind": "record", "value": True}, "nothing is recorded here"),
-            ({"kind": "undo"}, "nothing to undo"),
             ({"kind": "replay", "value": True}, "nothing to play: there is no motion yet"),
         ):
             page.send(json.dumps(message))
