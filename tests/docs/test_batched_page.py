@@ -18,7 +18,7 @@ def test_the_examples_of_the_page_run(
     write_run(tmp_path / "runs" / "demo")
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     names: dict[str, object] = {}
     exec(compile("\n".join(blocks), str(PAGE), "exec"), names)
     assert tuple(names["u"].shape) == (16, 8, 3)

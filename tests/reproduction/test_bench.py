@@ -19,7 +19,7 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "browser", "condensed", "cubature", "full_space", "pipeline", "released"),
+    *("batched", "browser", "condensed", "cubature", "full_space", "fuzz", "pipeline", "released"),
     *("runtime", "soak", "solids", "space", "statement", "step", "step_parts", "step_sizes"),
 ]
 
@@ -31,7 +31,10 @@ def test_every_module_imports(name: str) -> None:
 
 def test_every_module_with_a_command_is_listed_here() -> None:
     modules = {name for name in MODULES if hasattr(importlib.import_module(name), "main")}
-    assert modules == {f"reproduction.bench.{name}" for name in BENCHES} | {"reproduction.faults.campaign"}
+    assert modules == {f"reproduction.bench.{name}" for name in BENCHES} | {
+        "reproduction.faults.campaign",
+        "reproduction.pictures",
+    }
 
 
 @pytest.mark.parametrize("name", BENCHES)
