@@ -117,6 +117,14 @@ def test_undo_goes_back_to_before_the_last_pull_and_the_one_before_that(playable
     assert len(said) == 2 and said[-1].startswith("nothing to undo")  # the first told that a space is opened
 
 
+def test_a_pull_that_hits_nothing_leaves_nothing_to_undo(playable: Path) -> None:
+    said: list[str] = []
+    session = session_of(playable, said)
+    told(session, protocol.GrabMessage(id=1, point=(99.0, 0.0, 0.0), target=(0.0, 0.0, 0.0)))
+    told(session, protocol.ButtonMessage(kind="undo"))
+    assert len(said) == 2 and "hits no vertex" in said[0] and said[1].startswith("nothing to undo")
+
+
 def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(playable: Path) -> None:
     session = session_of(playable, [])
     (linear,) = session._shown
