@@ -8,7 +8,9 @@ VENV ?= .venv
 TORCH_INDEX ?=
 
 RUN := $(RUNS)/$(EXPERIMENT)
+# All that testing and documenting need, and what making a model needs, which is a part of it.
 ENVIRONMENT := $(VENV)/.installed
+USED := $(firstword $(wildcard $(ENVIRONMENT)) $(VENV)/.used)
 LDSIM := $(VENV)/bin/ldsim
 
 # The paper's meshes and recordings, where nobody said otherwise and they lie beside the project.
@@ -30,7 +32,7 @@ QUICK ?=
 .PHONY: $(STAGES) demo paper settings test bounds lint pictures site clean help
 
 # What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
-$(STAGES): $(ENVIRONMENT)
+$(STAGES): $(USED)
 	$(if $(wildcard $(firstword $(LDSIM))),+)@$(LDSIM) make $(CONFIG) --experiment $(EXPERIMENT) --runs $(RUNS) \
 	    --until $@ $(if $(findstring n,$(firstword -$(MAKEFLAGS))),--dry-run)
 
@@ -42,12 +44,13 @@ cubature: ## stage 5: choose the cubature points
 simulate: ## stage 6: run the motions in the reduced spaces and compare
 report: ## stage 7 and the default: write the report
 
-$(ENVIRONMENT): pyproject.toml requirements.lock
+$(ENVIRONMENT) $(VENV)/.used: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
-	@echo "installing the packages of requirements.lock into $(VENV), some minutes and about 1.5 GB"
+	@echo "installing the packages of requirements.lock into $(VENV), about 1.5 GB"
 	$(VENV)/bin/python -m pip install $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
 	    $(shell grep ^torch== requirements.lock)
-	$(VENV)/bin/python -m pip install --constraint requirements.lock --editable '.[dev]'
+	$(VENV)/bin/python -m pip install --constraint requirements.lock \
+	    --editable '.[$(if $(findstring $(ENVIRONMENT),$@),dev,train)]'
 	@touch $@
 
 demo: ## the embedded demo through all stages
@@ -56,7 +59,7 @@ demo: ## the embedded demo through all stages
 paper: $(ENVIRONMENT) ## the paper's tables and figures: NAME=all or fig9, QUICK=yes for small ones
 	$(VENV)/bin/python -m reproduction.paper.command $(NAME) --runs $(RUNS) $(if $(QUICK),--quick)
 
-settings: $(ENVIRONMENT) ## check the configuration and print it with defaults
+settings: $(USED) ## check the configuration and print it with defaults
 	@$(LDSIM) settings $(CONFIG)
 
 test: $(ENVIRONMENT) ## all tests

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numba
+from numba.core import event
 from numba.core.caching import _CacheLocator
 from threadpoolctl import threadpool_limits
 
@@ -138,6 +139,31 @@ def kernel(**options: object) -> Callable[[Loop], Loop]:
     """
     every: dict[str, Any] = {"cache": True, "nogil": True, "_nrt": False, **options}
     return njit(**every)
+
+
+class Compiling(event.Listener):
+    """What is told of kernels that are compiled, not those that were kept; one that another compiles is part of it."""
+
+    def __init__(self, begun: Callable[[], None], done: Callable[[float], None]) -> None:
+        self._begun, self._done, self._depth, self._since = begun, done, 0, 0.0
+
+    def on_start(self, event: object) -> None:
+        self._depth += 1
+        if self._depth == 1:
+            self._since = time.perf_counter()
+            self._begun()
+
+    def on_end(self, event: object) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._done(time.perf_counter() - self._since)
+
+
+@contextlib.contextmanager
+def while_compiling(begun: Callable[[], None], done: Callable[[float], None]) -> Iterator[None]:
+    """In the block, call `begun` before this process compiles a kernel, and then `done` with the seconds it took."""
+    with event.install_listener("numba:compile", Compiling(begun, done)):
+        yield
 
 
 @kernel()

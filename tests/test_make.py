@@ -45,6 +45,7 @@ class Project:
             "RUNS": str(self.folder / "runs"),
             "LDSIM": f"{sys.executable} -m ldsim",
             "ENVIRONMENT": "",
+            "USED": "",
         }
         command = ["make", *(f"{name}={value}" for name, value in variables.items()), *arguments]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

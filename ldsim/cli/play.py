@@ -8,7 +8,6 @@ import click
 
 from ldsim.cli.parameters import browser_option, port_option, run_argument, until_closed_option
 from ldsim.cli.stage import Bars
-from ldsim.jit import kernel_cache
 from ldsim.viewer.playground import play_server
 from ldsim.viewer.serving import serve
 
@@ -28,6 +27,7 @@ from ldsim.viewer.serving import serve
 @browser_option
 @until_closed_option
 def command(run: Path, spaces: tuple[str, ...], port: int, browser: bool, until_closed: bool) -> None:
-    compiled = kernel_cache().is_dir()
-    click.echo("opening the run" + ("" if compiled else "; kernels are compiled first, about a minute"), err=True)
-    serve(play_server(run, spaces, port, until_closed), browser, click.echo, Bars().tell)
+    progress = Bars()
+    with progress.opening(f"{run}"):
+        server = play_server(run, spaces, port, until_closed)
+    serve(server, browser, click.echo, progress.tell)

@@ -22,6 +22,8 @@ from ldsim.viewer.serving import serve
 @until_closed_option
 def command(source: Path, port: int, browser: bool, until_closed: bool, **flags: object) -> None:
     options = checked_options(flags, "options of record", RecordOptions)
-    scene, recorder = recording_scene(source, options, Bars())
-    server = record_server(scene, source.stem, recorder, port, until_closed)
-    serve(server, browser, click.echo, Bars().tell)
+    progress = Bars()
+    with progress.opening(f"{source}"):
+        scene, recorder = recording_scene(source, options, progress)
+        server = record_server(scene, source.stem, recorder, port, until_closed)
+    serve(server, browser, click.echo, progress.tell)

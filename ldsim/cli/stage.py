@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Never, TypeVar, get_args, get_origin
 
@@ -14,10 +15,13 @@ import click
 from tqdm import tqdm
 
 from ldsim.cli.parameters import on_configuration
+from ldsim.jit import while_compiling
 from ldsim.options import Options
 from ldsim.pipeline.progress import Bar, Progress
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
+
+COMPILING = "compiling, once"
 
 
 class Bars(Progress):
@@ -26,18 +30,27 @@ class Bars(Progress):
     @contextmanager
     def bar(self, description: str, total: int | None, unit: str) -> Iterator[Bar]:
         interval = 0.2 if sys.stderr.isatty() else 10.0
-        with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True) as bar:
-            yield _Bar(bar)
+        with tqdm(total=total, desc=description, unit=unit, mininterval=interval, dynamic_ncols=True) as shown:
+            bar = _Bar(shown)
+            with while_compiling(bar.compiling, bar.compiled):
+                yield bar
+
+    @contextmanager
+    def opening(self, what: str) -> Iterator[None]:
+        """Say what is opened, and why it takes long where kernels are compiled for it."""
+        self.tell(f"opening {what}")
+        with while_compiling(cache(lambda: self.tell(f"{COMPILING} on this machine")), lambda seconds: None):
+            yield
 
     def tell(self, text: str) -> None:
         click.echo(text, err=True)
 
 
 class _Bar(Bar):
-    """A bar whose clock begins at the first step, for before and in it kernels are compiled."""
+    """A bar whose clock begins at the first step and stands still while kernels are compiled."""
 
     def __init__(self, bar: tqdm[Never]) -> None:
-        self._bar, self._begun = bar, False
+        self._bar, self._begun, self._said, self._told = bar, False, "", False
 
     def update(self, steps: int = 1) -> None:
         if self._begun or steps <= 0:
@@ -54,7 +67,19 @@ class _Bar(Bar):
         self.update(int(steps - self._bar.n))
 
     def say(self, text: str) -> None:
+        self._said = text
         self._bar.set_postfix_str(text, refresh=False)
+
+    def compiling(self) -> None:
+        """A kernel is being compiled, once for this machine."""
+        self._bar.set_postfix_str(COMPILING, refresh=not self._told)
+        self._told = True
+
+    def compiled(self, seconds: float) -> None:
+        """It is, and what it took is no measure of what is left."""
+        self._bar.start_t += seconds
+        self._bar.last_print_t += seconds
+        self._bar.set_postfix_str(self._said, refresh=False)
 
 
 @dataclass(frozen=True)
