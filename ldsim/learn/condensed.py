@@ -7,7 +7,8 @@ V_eff is a sum of hyperelastic points that see z and some learned functions of i
 so that it is never negative, zero at rest, where its Hessian is S₀ exactly, and grows with every strain where no
 sample has been: a plain network is too soft there, and a run that leaves the samples is lost. It is fitted to
 λ(z) = ∇V_eff and to products S(z) v of its Hessian with random directions, in energy coordinates y = S₀^½ z, in which
-rest is equally stiff along all axes. One network gives the functions f and the decoder.
+rest is equally stiff along all axes. A wrong force counts by how far it moves the solid, S⁻¹ δλ: next to buckling a
+hundredth of a force is a tenth of a motion. One network gives the functions f and the decoder.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ MATERIAL = "neo_hookean"
 RATE, BATCH, WARM_UP = 1e-2, 128, 0.03
 # Shares of the loss: products with the Hessian, the slaved pose, and its tangents, beside the forces.
 HESSIAN, SLAVED, TANGENTS = 0.3, 1.0, 0.3
+# What holds a solid where it would buckle, let go: grabs do, and are about as stiff as itself. A share of S₀.
+HELD = 0.2
 # Relative errors below this are as good as none, so that a few easy poses do not count.
 SMALL = 1e-3
 # Share of the poses kept back, which judge and are fitted by nothing.
@@ -212,6 +215,8 @@ class _Fit:
         self.y = torch.tensor(samples.z @ self.to_y)
         self.force = torch.tensor(samples.force @ inverse / self.unit)
         self.hessian = torch.tensor(inverse @ samples.stiffness @ inverse)
+        values, vectors = np.linalg.eigh(self.hessian.numpy())
+        self.softness = torch.tensor((vectors / (np.abs(values) + HELD)[:, None]) @ vectors.transpose(0, 2, 1))
         self.slaved, self.along = torch.tensor(samples.slaved), torch.tensor(samples.along)
         self.directions = torch.tensor(samples.directions @ self.to_y)
         shuffled = torch.randperm(count, generator=self.generator)
@@ -229,7 +234,7 @@ class _Fit:
         self.floors = [float(share * x.norm(dim=-1).median()) for share, x in self._sizes()]
 
     def _sizes(self) -> tuple[tuple[float, torch.Tensor], ...]:
-        return (0.1, self.force), (0.3, self.hessian[:, :, 0]), (0.2, self.slaved), (0.3, self.along)
+        return (0.1, self.y), (0.3, self.hessian[:, :, 0]), (0.2, self.slaved), (0.3, self.along)
 
     def step(self, number: int) -> float:
         """One gradient; the loss."""
@@ -260,9 +265,10 @@ class _Fit:
         (pulled,) = torch.autograd.grad((slaved * c).sum(), y, create_graph=True)
         (along,) = torch.autograd.grad((pulled * w).sum(), c, create_graph=True)
         expected = torch.einsum("bij,bj->bi", self.hessian[batch], v)
+        moved = torch.einsum("bij,bj->bi", self.softness[batch], force - self.force[batch])
         floors = self.floors
         loss: torch.Tensor = (
-            _relative(force, self.force[batch], floors[0])
+            _relative(self.y[batch] + moved, self.y[batch], floors[0])
             + HESSIAN * _relative(image, expected, floors[1])
             + SLAVED * _relative(slaved, self.slaved[batch], floors[2])
             + TANGENTS * _relative(along, self.along[batch, one], floors[3])

@@ -59,7 +59,7 @@ def test_its_compliance_turns_with_the_solid() -> None:
 
 
 @pytest.mark.parametrize(
-    ("least", "k", "found"), [(1, 40, 4), (9, 40, 10), (12, 40, 12), (90, 40, 12), (90, 7, 6), (1, 3, 3)]
+    ("least", "k", "found"), [(1, 40, 4), (9, 40, 10), (13, 40, 16), (90, 40, 16), (90, 7, 6), (1, 3, 3)]
 )
 def test_the_least_dimension_that_is_enough_is_found(
     monkeypatch: pytest.MonkeyPatch, least: int, k: int, found: int
