@@ -24,6 +24,7 @@
 #define MAX_LAYERS 8
 #define LANES 4 /* points of a block, which are worked on together */
 #define BLOCK (9 * LANES)
+#define DIFFERENCES 6
 
 /* Four numbers at once, in whatever registers the machine has: a vector type of GCC and Clang. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
@@ -1076,6 +1077,7 @@ static void decode_jacobian(const ldsim_model *M, const double *hidden, double *
 /* All that a step makes and the next one starts from. The arrays lie one after another, the first one at z. */
 typedef struct {
     double *z, *z_before, *guess; /* (r,) */
+    double *differences;          /* (DIFFERENCES, r), of z, of the second order and up */
     double *f, *f_before;         /* (m,) */
     double *H;                    /* (r, r), an estimate of the inverse Hessian */
     double *a, *a_before;         /* (moved,), where moved pins were in the last two frames */
@@ -1083,6 +1085,8 @@ typedef struct {
     int32_t usable;               /* whether H was made; otherwise the next step makes it */
     int32_t fresh, excess;        /* iterations of the step that made H, and those beyond them since */
     uint32_t held[LDSIM_MAX_GRABS]; /* the grabs that H includes, 0 after the last */
+    double *springs;                /* and their springs, (3 max_grabs, m), as if their stiffness were 1 */
+    int32_t rows;                   /* of them; the others are 0 */
 } moment;
 
 typedef struct {
@@ -1300,6 +1304,7 @@ static void tangent_at(ldsim_solid *S, const double *z, double *f)
 #define MAX_BACKTRACKS 40
 #define RENEWAL 25      /* iterations after which a step gives its preconditioner up */
 #define RENEWAL_COST 30 /* iterations that making one anew costs */
+#define LEAST_LEFT 0.1  /* of the curvature along a spring that goes, for the rest to be known by the difference */
 
 /* Sufficient decrease, or its form in the slopes where the values differ only by rounding (Hager and Zhang 2005, Eq.
  * 4.1), where the slope must also have risen by a tenth, so that steps of rounding size are not accepted without end. */
@@ -1378,10 +1383,51 @@ static void update(ldsim_solid *S, const double *z, double *H)
     }
 }
 
-/* Minimises E from the guess, or from z where that has infinite energy. z: z_n, then z_(n+1), whose features are left in
- * f. H is renewed at once where `renew` says so. z is never left at a point of infinite energy unless it was there. */
-static solution minimise(ldsim_solid *S, const double *guess, double *z, double *f, double *H, int renew)
+/* H <- (H^-1 + sign a a')^-1 for the gradient a of a spring of unit stiffness at the z that was decoded last (Sherman and
+ * Morrison); whether so much of the curvature along a is left that the result can be trusted. */
+static int exchange_spring(ldsim_solid *S, const double *spring, double sign, double *H)
 {
+    const int r = S->model->r;
+    double *a = S->s, *Ha = S->Hy;
+    decode_vjp(S->model, S->hidden, spring, S->scratch, a);
+    zero(Ha, r);
+    add_transposed(H, a, Ha, r, r);
+    const double left = 1.0 + sign * dot(a, Ha, r);
+    if (!(left > LEAST_LEFT)) return 0;
+    for (int i = 0; i < r; i++)
+        for (int j = 0; j < r; j++) H[i * r + j] -= sign / left * Ha[i] * Ha[j];
+    return 1;
+}
+
+/* The springs of this step come into H, and those of the step before, where others were held, go. */
+static int exchange_springs(ldsim_solid *S, const moment *before, double *H)
+{
+    const int m = S->model->m;
+    int fine = 1;
+    for (int i = 0; i < 3 * S->g && fine; i++) {
+        for (int j = 0; j < m; j++) S->offset[j] = sqrt(S->stiffness[i / 3]) * S->B[(size_t)i * m + j];
+        fine = exchange_spring(S, S->offset, 1.0, H);
+    }
+    for (int i = 0; i < before->rows && fine; i++) fine = exchange_spring(S, before->springs + (size_t)i * m, -1.0, H);
+    return fine;
+}
+
+static void keep_springs(const ldsim_solid *S, moment *to)
+{
+    const int m = S->model->m, rows = 3 * S->g;
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < m; j++)
+            to->springs[(size_t)i * m + j] = sqrt(S->stiffness[i / 3]) * S->B[(size_t)i * m + j];
+    if (to->rows > rows) zero(to->springs + (size_t)rows * m, (size_t)(to->rows - rows) * m);
+    to->rows = rows;
+}
+
+/* Minimises E from the guess of the moment before, or from z where that has infinite energy. z: z_n, then z_(n+1), whose
+ * features are left in f. H is renewed at once where `renew` says so, and where `others` are held, their springs are
+ * exchanged in it. z is never left at a point of infinite energy unless it was there. */
+static solution minimise(ldsim_solid *S, const moment *before, double *z, double *f, double *H, int renew, int others)
+{
+    const double *guess = before->guess;
     const ldsim_model *M = S->model;
     const int r = M->r;
     solution found = {0, 1, LDSIM_CONVERGED, 0.0, INFINITY};
@@ -1400,6 +1446,8 @@ static solution minimise(ldsim_solid *S, const double *guess, double *z, double 
     for (; found.iterations < (int)M->n.max_iterations; found.iterations++) {
         found.norm = norm(S->gradient, r);
         if (found.norm <= M->given.tolerance * fmax(norm(z, r), 1.0)) return found;
+        if (others && !renew) renew = !exchange_springs(S, before, H);
+        others = 0;
         const int overdue = found.iterations - (renewed_at > 0 ? renewed_at : 0) >= RENEWAL;
         if (found.iterations > 0 && (renew || overdue)) {
             /* a step that goes on for long: forces that cancel may leave nothing but their rounding */
@@ -1879,6 +1927,29 @@ static void lift(ldsim_solid *S, int block)
                 dot(M->lifted_strain + (e * (size_t)M->points + s) * M->moved, S->pins, M->moved);
 }
 
+/* Differences of z, and where the next step starts. The polynomial of order d through the last d + 1 states leads to the
+ * sum of the differences up to that order, and was wrong at the last state by the one of order d + 1: so the order is
+ * that of the least difference, a high one where the motion is smooth and a low one after a jolt. */
+static void extrapolate(int r, const moment *from, moment *to)
+{
+    double least = 0.0;
+    int order = 0;
+    for (int i = 0; i < r; i++) least += (to->z[i] - from->z[i]) * (to->z[i] - from->z[i]);
+    for (int j = 0; j < DIFFERENCES; j++) {
+        double size = 0.0, *D = to->differences + (size_t)j * r;
+        for (int i = 0; i < r; i++) {
+            if (j == 0) D[i] = (to->z[i] - from->z[i]) - (from->z[i] - from->z_before[i]);
+            else D[i] = D[i - r] - from->differences[(size_t)(j - 1) * r + i];
+            size += D[i] * D[i];
+        }
+        if (size < 0.5 * least) least = size, order = j + 1; /* for after a jolt all are of one size */
+    }
+    for (int i = 0; i < r; i++) {
+        to->guess[i] = to->z[i] + (order > 0 ? to->z[i] - from->z[i] : 0.0);
+        for (int j = 0; j < order - 1; j++) to->guess[i] += to->differences[(size_t)j * r + i];
+    }
+}
+
 /* One step of implicit Euler from one moment to another. */
 static solution try_step(ldsim_solid *S, const moment *from, moment *to)
 {
@@ -1903,21 +1974,19 @@ static solution try_step(ldsim_solid *S, const moment *from, moment *to)
     for (int j = 0; j < m; j++) S->predictor[j] = 2.0 * from->f[j] - from->f_before[j];
     uint32_t held[LDSIM_MAX_GRABS] = {0};
     for (int i = 0; i < S->g; i++) held[i] = S->grabs[S->order[i]].id;
-    const int renew = !from->usable || from->excess > RENEWAL_COST || memcmp(held, from->held, sizeof held) != 0;
+    const int renew = !from->usable || from->excess > RENEWAL_COST, others = memcmp(held, from->held, sizeof held) != 0;
     copy(to->z, from->z, r);
     copy(to->H, from->H, (size_t)r * r);
-    const solution found = minimise(S, from->guess, to->z, to->f, to->H, renew);
-    for (int i = 0; i < r; i++) { /* the next guess: the change of the last step, plus the change of that change */
-        to->z_before[i] = from->z[i];
-        to->guess[i] = to->z[i] + 2.0 * (to->z[i] - from->z[i]) - (from->z[i] - from->z_before[i]);
-    }
+    const solution found = minimise(S, from, to->z, to->f, to->H, renew, others);
+    copy(to->z_before, from->z, r);
+    extrapolate(r, from, to);
     copy(to->f_before, from->f, m);
     copy(to->a, S->pins, l);
     copy(to->a_before, from->a, l);
     copy(to->gravity, S->gravity, 3);
-    memcpy(to->held, held, sizeof held);
+    memcpy(to->held, held, sizeof held), keep_springs(S, to);
     const int beyond = found.iterations - from->fresh;
-    to->usable = !renew || found.iterations > 0; /* where no iteration was needed, nothing was factorised */
+    to->usable = !(renew || others) || found.iterations > 0; /* where no iteration was needed, nothing was made */
     to->fresh = renew ? found.iterations : from->fresh;
     to->excess = renew ? 0 : from->excess + (beyond > 0 ? beyond : 0);
     return found;
@@ -1928,6 +1997,7 @@ static void copy_renewed(const ldsim_solid *S, const moment *from, moment *to)
 {
     copy(to->z, from->z, S->moment_size);
     copy(to->gravity, from->gravity, 3);
+    to->rows = from->rows;
     identity(to->H, S->model->r);
     to->usable = to->fresh = to->excess = 0;
 }
@@ -1958,6 +2028,7 @@ ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
         copy_renewed(S, &S->now, &S->start);
         copy(S->start.z_before, S->start.z, M->r);
         copy(S->start.guess, S->start.z, M->r);
+        zero(S->start.differences, DIFFERENCES * (size_t)M->r);
         copy(S->start.f_before, S->start.f, M->m);
         copy(S->start.a_before, S->start.a, M->moved);
         found = &S->first;
@@ -1998,12 +2069,14 @@ static double *cut(double **at, size_t *total, size_t count)
     return found;
 }
 
-static void lay_out_moment(const ldsim_model *M, moment *x, double **at, size_t *total)
+static void lay_out_moment(const ldsim_model *M, int max_grabs, moment *x, double **at, size_t *total)
 {
     x->z = cut(at, total, M->r), x->z_before = cut(at, total, M->r), x->guess = cut(at, total, M->r);
+    x->differences = cut(at, total, DIFFERENCES * (size_t)M->r);
     x->f = cut(at, total, M->m), x->f_before = cut(at, total, M->m);
     x->H = cut(at, total, (size_t)M->r * M->r);
     x->a = cut(at, total, M->moved), x->a_before = cut(at, total, M->moved);
+    x->springs = cut(at, total, 3 * (size_t)max_grabs * M->m);
 }
 
 static size_t lay_out(ldsim_solid *S, double *block)
@@ -2014,7 +2087,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
     size_t total = 0;
     double **at = &block;
     moment *moments[] = {&S->now, &S->first, &S->second, &S->start};
-    for (int i = 0; i < 4; i++) lay_out_moment(M, moments[i], at, &total);
+    for (int i = 0; i < 4; i++) lay_out_moment(M, S->max_grabs, moments[i], at, &total);
     S->moment_size = total / 4;
     S->pins = cut(at, &total, l);
     for (size_t i = 0; i < most; i++) {
@@ -2071,7 +2144,7 @@ void ldsim_reset(ldsim_solid *S)
     identity(S->now.H, S->model->r);
     copy(S->now.gravity, S->model->given.gravity, 3);
     memset(S->now.held, 0, sizeof S->now.held);
-    S->now.usable = S->now.fresh = S->now.excess = S->renewed_springs = 0;
+    S->now.usable = S->now.fresh = S->now.excess = S->now.rows = S->renewed_springs = 0;
 }
 
 void ldsim_displacements(const ldsim_solid *S, double *u)
@@ -2111,7 +2184,7 @@ typedef struct {
     uint64_t magic, fingerprint, size, sums[2];
     double gravity[3], scale, gravity_then[3];
     uint32_t next_id, g;
-    int32_t usable, fresh, excess, unused;
+    int32_t usable, fresh, excess, rows;
     uint32_t held[LDSIM_MAX_GRABS];
     struct {
         uint32_t id, count;
@@ -2147,7 +2220,7 @@ void ldsim_save(const ldsim_solid *S, void *state)
     head.magic = SAVED, head.fingerprint = S->model->fingerprint, head.size = ldsim_state_size(S);
     copy(head.gravity, S->gravity, 3), copy(head.gravity_then, S->now.gravity, 3);
     head.scale = S->scale, head.next_id = S->next_id;
-    head.usable = S->now.usable, head.fresh = S->now.fresh, head.excess = S->now.excess;
+    head.usable = S->now.usable, head.fresh = S->now.fresh, head.excess = S->now.excess, head.rows = S->now.rows;
     memcpy(head.held, S->now.held, sizeof head.held);
     unsigned char *numbers_at = (unsigned char *)state + sizeof head;
     unsigned char *pins_at = numbers_at + S->moment_size * sizeof(double);
@@ -2179,6 +2252,7 @@ static int check_state(ldsim_solid *S, const saved *head, const unsigned char *s
     if (head->g > (uint32_t)S->max_grabs) return LDSIM_TOO_MANY_GRABS;
     int fine = all_finite(head->gravity, 3) && all_finite(head->gravity_then, 3) && finite_number(head->scale);
     fine = fine && head->scale > 0.0 && head->next_id > 0 && head->fresh >= 0 && head->excess >= 0;
+    fine = fine && head->rows >= 0 && head->rows <= 3 * S->max_grabs;
     for (uint32_t i = 0; fine && i < head->g; i++) {
         fine = head->grabs[i].id && head->grabs[i].id < head->next_id && head->grabs[i].count;
         fine = fine && head->grabs[i].count <= M->n.vertices && head->grabs[i].stiffness > 0.0;
@@ -2211,6 +2285,7 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
     if (code != LDSIM_OK) return code;
     memcpy(S->start.held, head.held, sizeof head.held);
     S->start.usable = head.usable != 0, S->start.fresh = head.fresh, S->start.excess = head.excess;
+    S->start.rows = head.rows;
     copy(S->start.gravity, head.gravity_then, 3);
     take(S, &S->start);
     copy(S->pins, S->scratch, M->moved);

@@ -160,17 +160,17 @@ def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(
     held = [np.flatnonzero(x[:, 0] > 0.29)[:3], np.flatnonzero(np.isclose(x[:, 0], 0.2))[:2]]
     grabs = [Grab(each, x[each].mean(axis=0) + [0.0, 0.1, 0.0], 80.0) for each in held]
     series, targets = InSeries.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
+    series.target[:] = targets
     springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
-    rotations, pull = np.zeros((2, 3, 3)), np.zeros((6, 6))
-    turn_springs(series, q, targets, rotations, pull, springs)
+    turn_springs(series, q, springs)
     u = V.fields @ q
     by_hand = [polar((x + u).T @ space.compliance.arms(each))[0] for each in held]
-    np.testing.assert_allclose(rotations, by_hand, atol=1e-9)
-    assert np.linalg.norm(rotations[0] - np.eye(3)) > 0.1
+    np.testing.assert_allclose(series.rotations, by_hand, atol=1e-9)
+    assert np.linalg.norm(series.rotations[0] - np.eye(3)) > 0.1
     turn = block_diag(*by_hand)
     flexible = np.eye(6) / 80.0 + turn @ space.compliance.between(held) @ turn.T
     stretch = targets - np.concatenate([(x + u)[each].mean(axis=0) for each in held])
-    forces = pull @ (springs.target - springs.centre - springs.B @ q).ravel()
+    forces = series.pull @ (springs.target - springs.centre - springs.B @ q).ravel()
     np.testing.assert_allclose(flexible @ forces, stretch, rtol=1e-9)
 
 

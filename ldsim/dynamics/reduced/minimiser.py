@@ -13,7 +13,7 @@ from ldsim.jit import copy, kernel
 from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
 from ldsim.optimise.minimiser import CURVED, backward_loop, forward_loop
 from ldsim.optimise.solution import Reason
-from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian
+from ldsim.space.decoder import REASSOCIATE, decode, decode_jacobian, decode_vjp
 
 CONVERGED = int(Reason.CONVERGED)
 ITERATIONS_SPENT = int(Reason.ITERATIONS_SPENT)
@@ -35,6 +35,8 @@ class Method(IntEnum):
     NEWTON = 2
 
 
+# Of the curvature along a spring that goes, for the rest to be known by the difference.
+LEAST_LEFT = 0.1
 LBFGS, NEWTON = int(Method.LBFGS), int(Method.NEWTON)
 # Of the weak Wolfe condition: the least share of the first slope that is left (Nocedal and Wright 2006, Sec. 3.1).
 CURVATURE = 0.9
@@ -58,8 +60,18 @@ class Minimisation(NamedTuple):
     wolfe: bool
 
 
+class Exchange(NamedTuple):
+    """What becomes of the preconditioner of the step before: made anew, or, where others are held, exchanged in it are
+    the springs, (3g, k) each, B times the root of the stiffness."""
+
+    renew: bool
+    others: bool
+    held: Array
+    released: Array
+
+
 @kernel()
-def _cholesky(A: Array) -> bool:
+def cholesky(A: Array) -> bool:
     """Lower Cholesky factor in place; a pivot lost to rounding is replaced by a small share of the trace."""
     r = A.shape[0]
     trace = 0.0
@@ -108,11 +120,38 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Minimisat
         rest_metric(model, work)
     add_spring_metric(springs, model, work)
     # the inverse and not the factor: a product with it needs no loop that waits for itself, and BFGS updates it
-    if _cholesky(work.hessian):
+    if cholesky(work.hessian):
         for a in range(H.shape[0]):
             H[a] = 0.0
             H[a, a] = 1.0
             _solve_cholesky(work.hessian, H[a])
+
+
+@kernel()
+def _exchange_springs(model: Reduced, exchange: Exchange, H: Array, work: Work) -> bool:
+    """The springs that are held come into H, and those released go, at the z that was decoded last."""
+    fine = True
+    for i in range(exchange.held.shape[0]):
+        fine = fine and _exchange_spring(model, exchange.held[i], 1.0, H, work)
+    for i in range(exchange.released.shape[0]):
+        fine = fine and _exchange_spring(model, exchange.released[i], -1.0, H, work)
+    return fine
+
+
+@kernel()
+def _exchange_spring(model: Reduced, spring: Array, sign: float, H: Array, work: Work) -> bool:
+    """H ← (H⁻¹ ± a aᵀ)⁻¹ for the gradient a of a spring of unit stiffness (Sherman and Morrison); whether so much of
+    the curvature along a is left that the result can be trusted."""
+    a, Ha = work.S[0], work.Hy
+    decode_vjp(model.layers, work.hidden, spring, work.scratch, a)
+    _multiply(H, a, Ha)
+    left = 1.0 + sign * inner(a, Ha)
+    if not left > LEAST_LEFT:
+        return False
+    for i in range(a.shape[0]):
+        for j in range(a.shape[0]):
+            H[i, j] -= sign / left * Ha[i] * Ha[j]
+    return True
 
 
 @kernel(fastmath=REASSOCIATE)
@@ -188,7 +227,7 @@ def step(
     start: Array,
     z: Array,
     H: Array,
-    renew: bool,
+    exchange: Exchange,
     options: Minimisation,
     work: Work,
 ) -> tuple[int, int, int, float, float]:
@@ -199,7 +238,7 @@ def step(
         start: the initial guess, (r,); where its energy is infinite, z is used instead.
         z: zₙ on entry, zₙ₊₁ on return, (r,); φ(z) is left in work.q.
         H: the preconditioner, an estimate of the inverse Hessian, (r, r); overwritten when it is renewed or updated.
-        renew: whether to renew it at the start of this step.
+        exchange: what becomes of it at the start of this step.
 
     Returns:
         iterations, evaluations, reason (`solution.Reason`), E(z) in J, ‖∇E‖ in N. z is never left at a point of
@@ -209,11 +248,13 @@ def step(
     f, evaluations = _begin(model, springs, predictor, start, z, work)
     if not f < math.inf:
         return 0, evaluations, INFINITE_START, f, math.inf
-    newest, count, renewed_at = -1, 0, -1
+    newest, count, renewed_at, renew = -1, 0, -1, exchange.renew
     for iteration in range(options.max_iterations):
         norm = math.sqrt(inner(g, g))
         if norm <= options.tolerance * max(math.sqrt(inner(z, z)), 1.0):
             return iteration, evaluations, CONVERGED, f, norm
+        if iteration == 0 and exchange.others and not renew:
+            renew = not _exchange_springs(model, exchange, H, work)
         overdue = iteration - max(renewed_at, 0) >= options.renewal
         if iteration > 0 and (renew or overdue) and options.method != NEWTON:
             # a step that goes on for long: forces that cancel may leave nothing but their rounding

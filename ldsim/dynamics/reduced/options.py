@@ -30,7 +30,7 @@ class MinimiserOptions(Options):
         bool, Field(description="Make the preconditioner anew in every step; else where it has become bad.")
     ] = False
     extrapolate: Annotated[
-        bool, Field(description="Start a step where the last three lead to; false starts it at the last state.")
+        bool, Field(description="Start a step where earlier ones lead to; false starts it at the last state.")
     ] = True
     wolfe: Annotated[
         bool, Field(description="A line search that also asks for the weak Wolfe condition, by bisection.")

@@ -9,23 +9,38 @@ from ldsim.jit import njit
 from ldsim.mechanics.loads import Loads
 
 AT_REST = Loads()
+# Differences of z that a state keeps, of the second order and up.
+DIFFERENCES = 6
 
 
 @njit(cache=True, inline="always")
-def fields(data: Array, r: int, k: int) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """z, z_previous, guess, (r,) each; q, q_previous, (k,) each; H, (r, r): views of (3r + 2k + r²,) numbers.
+def fields(data: Array, r: int, k: int) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+    """z, z_previous, guess, (r,) each; q, q_previous, (k,) each; H, (r, r); differences, (DIFFERENCES, r); springs.
 
-    They lie in one array because each array that crosses into compiled code takes time.
+    The springs are those that H includes, B times the root of the stiffness, (3g, k).
+
+    They are views of one array because each array that crosses into compiled code takes time.
     """
     q, H = 3 * r, 3 * r + 2 * k
-    return data[:r], data[r : 2 * r], data[2 * r : q], data[q : q + k], data[q + k : H], data[H:].reshape(r, r)
+    D = H + r * r
+    B = D + DIFFERENCES * r
+    return (
+        data[:r],
+        data[r : 2 * r],
+        data[2 * r : q],
+        data[q : q + k],
+        data[q + k : H],
+        data[H:D].reshape(r, r),
+        data[D:B].reshape(DIFFERENCES, r),
+        data[B:].reshape((len(data) - B) // k, k),
+    )
 
 
 class ReducedState:
     """All that the next step depends on; a step makes a new one and leaves the old one as it is.
 
     Attributes:
-        data: all numbers below, one after another (`fields`), (3r + 2k + r²,) float64.
+        data: all numbers below, one after another (`fields`), float64.
         r, k: latent and outer dimension.
         usable: whether H was made; otherwise the next step makes it.
         held: the vertices of the grabs that H includes.
@@ -59,7 +74,7 @@ class ReducedState:
                 projection of its displacement.
         """
         r = len(z)
-        numbers = (z, z_previous, 2 * z - z_previous, q, q_previous, np.eye(r).ravel())
+        numbers = (z, z_previous, 2 * z - z_previous, q, q_previous, np.eye(r).ravel(), np.zeros(DIFFERENCES * r))
         return cls(np.concatenate(numbers), (r, len(q)))
 
     def renewed(self) -> ReducedState:
@@ -74,6 +89,11 @@ class ReducedState:
         state.a = state.a_previous = self.a
         state.loads = self.loads
         return state
+
+    def room(self, grabs: int) -> int:
+        """Numbers of a state that holds so many grabs."""
+        r, k = self.r, self.k
+        return (3 + DIFFERENCES + r) * r + (2 + 3 * grabs) * k
 
     @property
     def z(self) -> Array:

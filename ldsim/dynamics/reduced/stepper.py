@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import strain_maps
-from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference
+from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference, turn
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.turned import InSeries, turn_springs
+from ldsim.dynamics.reduced.turned import InSeries
 from ldsim.errors import MotionError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -147,7 +147,7 @@ class ReducedStepper:
         if state.r != self._dimensions[0] or state.k != self._dimensions[1]:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity, state.q)
+        bench.grab(loads.grabs, loads.gravity)
         force = self._base_force(loads.gravity, bench)
         pins: tuple[Array | None, Array | None] = (None, None)
         if self._pins is not None:
@@ -158,20 +158,16 @@ class ReducedStepper:
                 f"{len(loads.pins[0].vertices)} pins move; the {self.space.name} space has no lifting for them"
             )
         held = bench.held
-        renew = (
-            self.options.every_step
-            or not state.usable
-            or state.excess > self._renewal_cost
-            or not _same(held, state.held)
-        )
-        data = np.empty(len(state.data))
-        iterations, evaluations, reason, value, norm = advance(bench.reference, state.data, renew, data)
+        renew = self.options.every_step or not state.usable or state.excess > self._renewal_cost
+        others = not _same(held, state.held)
+        data = np.empty(state.room(len(held)))
+        iterations, evaluations, reason, value, norm = advance(bench.reference, state.data, renew, others, data)
         solution = Solution(value, norm, iterations, evaluations, REASONS[reason])
-        if renew:  # where no iteration was needed, nothing was factorised, so the next step must
+        if renew:  # where no iteration was needed, nothing was made, so the next step must
             kept = (iterations > 0, held, iterations, 0)
         else:
             fresh = state.fresh_iterations
-            kept = (True, held, fresh, state.excess + max(iterations - fresh, 0))
+            kept = (iterations > 0 or not others, held, fresh, state.excess + max(iterations - fresh, 0))
         return ReducedState(data, self._dimensions, kept, pins, loads), solution
 
     def displacement(self, state: ReducedState) -> Array:
@@ -190,11 +186,12 @@ class ReducedStepper:
         if not loads.grabs:
             return u
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity, q)
+        bench.grab(loads.grabs, loads.gravity)
+        turn(bench.reference, q)
         # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
         stretch = bench.springs.target - bench.springs.centre - bench.springs.B @ q
-        forces = (bench.pull @ stretch.ravel()).reshape(-1, 3)
-        for grab, force, R in zip(loads.grabs, forces, bench.rotations, strict=True):
+        forces = (bench.series.pull @ stretch.ravel()).reshape(-1, 3)
+        for grab, force, R in zip(loads.grabs, forces, bench.series.rotations, strict=True):
             u += compliance.of_grab(grab.vertices) @ (force @ R) @ R.T
         return u
 
@@ -226,7 +223,8 @@ class ReducedStepper:
     def compiled(self, loads: Loads = Loads()) -> tuple[Reduced, Springs, Work]:
         """What the kernels of `reduced.potential` read under some loads: model, springs, scratch memory."""
         bench = self._bench()
-        bench.grab(loads.grabs, loads.gravity, np.zeros(self._dimensions[1]))
+        bench.grab(loads.grabs, loads.gravity)
+        turn(bench.reference, np.zeros(self._dimensions[1]))
         self._base_force(loads.gravity, bench)
         return bench.model, bench.springs, bench.work
 
@@ -257,37 +255,36 @@ class _Bench:
         self.work = make_work(space.decoder, len(model.weights))
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
-        # of a condensed space, of all grabs together (`turn_springs`), and what they were made for
-        self.series: InSeries | None = None
-        self.rotations, self.pull = np.empty((0, 3, 3)), np.empty((0, 0))
+        # of the grabs of a condensed space, and the gravity and stiffnesses that it was made for
+        self.series = self._loose = InSeries.none(model.force.shape[0])
         self._made_for: tuple[Array | None, list[float]] = (None, [])
         self.springs = self._springs(())
         self.reference = self._reference()
 
-    def grab(self, grabs: Sequence[Grab], gravity: Array | None, q: Array) -> None:
-        """Hold what the grabs hold in a state with coordinates q; what is kept serves while they hold the same."""
+    def grab(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
+        """Hold what the grabs hold; what is kept serves while they hold the same."""
         held = [grab.vertices for grab in grabs]
         other = not _same(held, self.held)
         if other:
-            self.springs, self.held = self._springs(grabs), tuple(held)
+            self.springs, self.held, self.series = self._springs(grabs), tuple(held), self._loose
             self.reference = self._reference()
         if self._space.is_condensed and grabs:
-            self._grab_in_series(other, grabs, gravity, q)
+            self._grab_in_series(grabs, gravity)
             return
         _, _, target, stiffness = self.springs
         for i, grab in enumerate(grabs):
             target[i] = grab.target
             stiffness[i] = grab.stiffness
 
-    def _grab_in_series(self, other: bool, grabs: Sequence[Grab], gravity: Array | None, q: Array) -> None:
+    def _grab_in_series(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
         stiffness = [grab.stiffness for grab in grabs]
-        if other or self.series is None or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
+        if self.series is self._loose or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
             self._made_for = gravity, stiffness
             self.series = InSeries.of(self._space, grabs, gravity)
-            self.rotations, self.pull = np.empty((len(grabs), 3, 3)), np.empty((3 * len(grabs), 3 * len(grabs)))
             self.springs.stiffness[:] = 1.0
-        targets = np.concatenate([grab.target for grab in grabs])
-        turn_springs(self.series, q, targets, self.rotations, self.pull, self.springs)
+            self.reference = self._reference()
+        for i, grab in enumerate(grabs):
+            self.series.target[3 * i : 3 * i + 3] = grab.target
 
     def _springs(self, grabs: Sequence[Grab]) -> Springs:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
@@ -298,7 +295,7 @@ class _Bench:
         return springs
 
     def _reference(self) -> StepReference:
-        return step_reference(self.model, self.springs, self._minimisation, self.work)
+        return step_reference(self.model, self.springs, self._minimisation, self.work, self.series)
 
 
 class MovingPins(NamedTuple):

@@ -15,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ldsim.arrays import Array
+from ldsim.dynamics.reduced.minimiser import cholesky
 from ldsim.dynamics.reduced.potential import Springs
-from ldsim.jit import njit
+from ldsim.jit import kernel
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.materials.tensors import product_transposed, signed_svd
+from ldsim.space.decoder import REASSOCIATE
 from ldsim.space.space import Space
 
 
@@ -27,6 +29,8 @@ class InSeries(NamedTuple):
 
     B (3g, k) and centre (3g,): c(q) = centre + B q, metres, of all centroids. compliance (3g, 3g): B C Bᵀ at rest, m/N.
     softness (3g,): 1/k. shape (g, 3, 3) + turn (g, 3, 3, k) q: Σ y_v ⊗ d_v of the cells around (`Compliance.arms`), m².
+    target (3g,): metres, to be written. Written by `turn_springs`: R of each grab, rotations (g, 3, 3), the pull
+    (3g, 3g) = L⁻ᵀ, which makes forces, N, of the stretch of the unit springs, and factor (3g, 3g), L below its diagonal.
     """
 
     B: Array
@@ -35,6 +39,16 @@ class InSeries(NamedTuple):
     softness: Array
     shape: Array
     turn: Array
+    target: Array
+    rotations: Array
+    pull: Array
+    factor: Array
+
+    @classmethod
+    def none(cls, k: int) -> InSeries:
+        """Where there is no grab, or no compliance."""
+        shapes: list[tuple[int, ...]] = [(0, k), (0,), (0, 0), (0,), (0, 3, 3), (0, 3, 3, k), (0,), (0, 3, 3), (0, 0), (0, 0)]
+        return cls(*map(np.zeros, shapes))
 
     @classmethod
     def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> InSeries:
@@ -53,40 +67,89 @@ class InSeries(NamedTuple):
             np.repeat([1 / grab.stiffness for grab in grabs], 3),
             np.stack([rest.T @ each for each in arms]),
             np.stack(turn),
+            np.zeros(3 * len(held)),
+            np.zeros((len(held), 3, 3)),
+            np.zeros((3 * len(held), 3 * len(held))),
+            np.zeros((3 * len(held), 3 * len(held))),
         )
 
 
-@njit(cache=True, nogil=True)
-def turn_springs(series: InSeries, q: Array, targets: Array, rotations: Array, pull: Array, springs: Springs) -> None:
-    """Write the springs for a state with coordinates q, (k,), and targets (3g,), metres.
+@kernel()
+def turn_springs(series: InSeries, q: Array, springs: Springs) -> None:
+    """Write the springs, and R and the pull of the series, for a state with coordinates q, (k,).
 
     Their energy ½ pᵀ (diag(1/k) + R B C Bᵀ Rᵀ)⁻¹ p couples all grabs. With the Cholesky factor L of what is inverted it
     is ½ ‖L⁻¹ p‖²: springs of unit stiffness on L⁻¹ B, which the kernel of a step knows.
-
-    Args:
-        rotations: R of each grab, (g, 3, 3), written.
-        pull: L⁻ᵀ, (3g, 3g), written; with the stretch of the unit springs it gives the forces, N.
     """
-    count, k = rotations.shape[0], len(q)
+    count, n, L, pull = series.rotations.shape[0], series.softness.shape[0], series.factor, series.pull
     for g in range(count):
-        A = series.shape[g].copy()
-        for i in range(3):
-            for j in range(3):
-                row = series.turn[g, i, j]
-                for f in range(k):
-                    A[i, j] += row[f] * q[f]
-        U, _, V = signed_svd((A[0, 0], A[0, 1], A[0, 2], A[1, 0], A[1, 1], A[1, 2], A[2, 0], A[2, 1], A[2, 2]))
-        R = product_transposed(U, V)
-        for i in range(3):
-            for j in range(3):
-                rotations[g, i, j] = R[3 * i + j]
-    flexible = np.diag(series.softness)
+        _turn(series, g, q)
     for g in range(count):
-        for h in range(count):
-            block = series.compliance[3 * g : 3 * g + 3, 3 * h : 3 * h + 3].copy()
-            flexible[3 * g : 3 * g + 3, 3 * h : 3 * h + 3] += rotations[g] @ block @ rotations[h].T
-    inverse = np.linalg.inv(np.linalg.cholesky(0.5 * (flexible + flexible.T)))
-    pull[:] = inverse.T
-    springs.B[:] = (inverse @ series.B).reshape(springs.B.shape)
-    springs.centre[:] = (inverse @ series.centre).reshape(springs.centre.shape)
-    springs.target[:] = (inverse @ targets).reshape(springs.target.shape)
+        for h in range(g + 1):
+            _turned_pair(series, g, h, L)
+    for i in range(n):
+        L[i, i] += series.softness[i]
+    cholesky(L)
+    for i in range(n):
+        for j in range(n):
+            pull[j, i] = 1.0 if i == j else 0.0
+        for j in range(i):
+            for h in range(j + 1):
+                pull[h, i] -= L[i, j] * pull[h, j]
+        for h in range(i + 1):
+            pull[h, i] /= L[i, i]
+    for i in range(n):
+        _combine(series, i, springs)
+
+
+@kernel(fastmath=REASSOCIATE)
+def _turn(series: InSeries, g: int, q: Array) -> None:
+    """R of one grab, the rotation nearest to shape + turn q."""
+    T, S = series.turn, series.shape
+    a, b, c, d, e = S[g, 0, 0], S[g, 0, 1], S[g, 0, 2], S[g, 1, 0], S[g, 1, 1]
+    h, i, j, k = S[g, 1, 2], S[g, 2, 0], S[g, 2, 1], S[g, 2, 2]
+    for f in range(q.shape[0]):
+        v = q[f]
+        a += v * T[g, 0, 0, f]
+        b += v * T[g, 0, 1, f]
+        c += v * T[g, 0, 2, f]
+        d += v * T[g, 1, 0, f]
+        e += v * T[g, 1, 1, f]
+        h += v * T[g, 1, 2, f]
+        i += v * T[g, 2, 0, f]
+        j += v * T[g, 2, 1, f]
+        k += v * T[g, 2, 2, f]
+    U, _, V = signed_svd((a, b, c, d, e, h, i, j, k))
+    R = product_transposed(U, V)
+    for axis in range(3):
+        series.rotations[g, axis, 0] = R[3 * axis]
+        series.rotations[g, axis, 1] = R[3 * axis + 1]
+        series.rotations[g, axis, 2] = R[3 * axis + 2]
+
+
+@kernel()
+def _combine(series: InSeries, i: int, springs: Springs) -> None:
+    """Row i of L⁻¹ (B, centre, target)."""
+    g, axis, k = i // 3, i % 3, springs.B.shape[2]
+    springs.centre[g, axis] = springs.target[g, axis] = 0.0
+    for f in range(k):
+        springs.B[g, axis, f] = 0.0
+    for j in range(i + 1):
+        share = series.pull[j, i]
+        springs.centre[g, axis] += share * series.centre[j]
+        springs.target[g, axis] += share * series.target[j]
+        for f in range(k):
+            springs.B[g, axis, f] += share * series.B[j, f]
+
+
+@kernel()
+def _turned_pair(series: InSeries, g: int, h: int, out: Array) -> None:
+    """The block of grabs g and h of R B C Bᵀ Rᵀ; of C and its transpose, which differ by rounding, the mean."""
+    C, R = series.compliance, series.rotations
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for a in range(3):
+                for b in range(3):
+                    total += R[g, i, a] * 0.5 * (C[3 * g + a, 3 * h + b] + C[3 * h + b, 3 * g + a]) * R[h, j, b]
+            out[3 * g + i, 3 * h + j] = total

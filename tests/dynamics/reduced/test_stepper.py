@@ -12,9 +12,10 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import grab_rows
 from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.advance import extrapolate
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import value_gradient
-from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.state import ReducedState, fields
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, rest_metric
 from ldsim.dynamics.simulate import simulate
@@ -136,8 +137,35 @@ def test_a_step_that_does_not_extrapolate_starts_where_the_last_one_ended() -> N
     """So a solid that is in equilibrium already needs no iteration, whatever its last change was."""
     for extrapolate in (False, True):
         some = stepper(TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=extrapolate)
-        _, solution = some.step(run(some, pull(TET), 1)[0], pull(TET))
+        state = some.rest()
+        for reach in (0.01, 0.02, 0.03, 0.03):
+            state, solution = some.step(state, pull(TET, reach))
         assert (solution.iterations == 0) is not extrapolate
+
+
+def test_the_guess_follows_a_polynomial_and_falls_back_after_a_jolt() -> None:
+    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    t = np.arange(9.0)
+    path = np.stack([np.ones(9), t, t**3 - 4 * t**2, 0.1 * t**5], axis=1)
+    guesses = [state.guess for state in along(some, path)]
+    np.testing.assert_allclose(guesses[-2], path[-1], rtol=1e-9)
+    jolted = path.copy()
+    jolted[-1] += 1e6
+    last = along(some, jolted)[-1]
+    np.testing.assert_allclose(last.guess, jolted[-1])  # standing still is the best that is known
+
+
+def along(some: ReducedStepper, path: Array) -> list[ReducedState]:
+    """States whose z went along a path, whatever the forces are."""
+    states = [some.rest()]
+    for z in path:
+        data = np.empty(states[-1].room(0))
+        new = ReducedState(data, (some.rest().r, some.rest().k))
+        before, now = (fields.py_func(state.data, new.r, new.k) for state in (states[-1], new))  # type: ignore[attr-defined]
+        now[0][:], now[1][:] = z, before[0]
+        extrapolate(before[1], before[0], z, before[6], now[6], now[2])
+        states.append(new)
+    return states[1:]
 
 
 def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
