@@ -30,7 +30,7 @@ class InSeries(NamedTuple):
     B (3g, k) and centre (3g,): c(q) = centre + B q, metres, of all centroids. compliance (3g, 3g): B C Bᵀ at rest, m/N.
     softness (3g,): 1/k. shape (g, 3, 3) + turn (g, 3, 3, k) q: Σ y_v ⊗ d_v of the cells around (`Compliance.arms`), m².
     target (3g,): metres, to be written. Written by `turn_springs`: R of each grab, rotations (g, 3, 3), the pull
-    (3g, 3g) = L⁻ᵀ, which makes forces, N, of the stretch of the unit springs, and factor (3g, 3g), L below its diagonal.
+    (3g, 3g) = L⁻ᵀ, which makes forces, N, of the stretch of the unit springs, and factor (3g, 3g), of L.
     """
 
     B: Array
@@ -47,7 +47,7 @@ class InSeries(NamedTuple):
     @classmethod
     def none(cls, k: int) -> InSeries:
         """Where there is no grab, or no compliance."""
-        shapes: list[tuple[int, ...]] = [(0, k), (0,), (0, 0), (0,), (0, 3, 3), (0, 3, 3, k), (0,), (0, 3, 3), (0, 0), (0, 0)]
+        shapes = (0, k), (0,), (0, 0), (0,), (0, 3, 3), (0, 3, 3, k), (0,), (0, 3, 3), (0, 0), (0, 0)
         return cls(*map(np.zeros, shapes))
 
     @classmethod

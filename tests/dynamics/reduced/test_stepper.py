@@ -135,12 +135,12 @@ def test_a_quasi_static_step_forgets_how_fast_the_solid_was() -> None:
 
 def test_a_step_that_does_not_extrapolate_starts_where_the_last_one_ended() -> None:
     """So a solid that is in equilibrium already needs no iteration, whatever its last change was."""
-    for extrapolate in (False, True):
-        some = stepper(TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=extrapolate)
+    for goes_on in (False, True):
+        some = stepper(TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=goes_on)
         state = some.rest()
         for reach in (0.01, 0.02, 0.03, 0.03):
             state, solution = some.step(state, pull(TET, reach))
-        assert (solution.iterations == 0) is not extrapolate
+        assert (solution.iterations == 0) is not goes_on
 
 
 def test_the_guess_follows_a_polynomial_and_falls_back_after_a_jolt() -> None:
