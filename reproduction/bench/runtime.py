@@ -2,7 +2,7 @@
 
 Both step the same frames of every motion in the latent and the linear space at the usual tolerance, in one process and
 one thread, in turns. A motion is stepped several times, and the least time of each of its steps counts, for other
-tenants of a machine only add time. "C from Python" is what a caller in Python pays, the calls that move grabs and the
+tenants of a machine only add time. The C library also steps them at two other stops, N. "C from Python" is what a caller in Python pays, the calls that move grabs and the
 solves of a grab of a condensed model included; "C" is the one call of ldsim_step, ctypes included.
 """
 
@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.arrays import Array
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads, MotionLoads
@@ -34,6 +35,7 @@ REPEATS = 5
 INSTANCES = 64
 # Of each motion, for time.
 FRAMES = 600
+STOPS = (1e-8, 4e-3)
 
 
 def timed(step: Callable[[Loads], object], acting: list[Loads]) -> Array:
@@ -83,7 +85,14 @@ def measure(run: Run, name: str, library: Library) -> list[Row]:
     rows.append(row(run.experiment, f"{name}: model", len(data) / 1e6, "MB"))
     rows.append(row(run.experiment, f"{name}: grab", 1e3 * grab_seconds(run, model), "ms", "<= 1"))
     for motion in run.motions:
-        rows += steps_of(run, motion, space, model)
+        acting = frames_of(run, motion)
+        rows += steps_of(run, motion, space, model, acting)
+        for stop in STOPS:
+            stopping = NativeModel(library, model_bytes(space, ReducedOptions(tolerance=stop)))
+            seconds = np.min(
+                [timed_alone(Follower(NativeSolid(stopping), space), acting) for _ in range(REPEATS)], axis=0
+            )
+            rows += shares(run, f"{name}, {motion}: step in C at {stop:g} N", seconds)
     for threads in (1, 2):
         rows.append(
             row(run.experiment, f"{name}: {INSTANCES} instances, {threads} threads", rate(run, model, threads), "1/s")
@@ -118,11 +127,21 @@ def rate(run: Run, model: NativeModel, threads: int) -> float:
     return best
 
 
-def steps_of(run: Run, motion: str, space: Space, model: NativeModel) -> list[Row]:
-    """What the steps of a motion take on each side."""
+def frames_of(run: Run, motion: str) -> list[Loads]:
     recorded = run.recorded(motion)
     loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
-    acting = [loads.at(frame) for frame in range(min(recorded.motion.frames, FRAMES))]
+    return [loads.at(frame) for frame in range(min(recorded.motion.frames, FRAMES))]
+
+
+def shares(run: Run, what: str, seconds: Array) -> list[Row]:
+    return [
+        row(run.experiment, f"{what}, {share} %", 1e6 * float(np.percentile(seconds, share)), "µs")
+        for share in (50, 95, 99)
+    ]
+
+
+def steps_of(run: Run, motion: str, space: Space, model: NativeModel, acting: list[Loads]) -> list[Row]:
+    """What the steps of a motion take on each side."""
     seconds = {side: np.full(len(acting), np.inf) for side in ("numba", "C from Python", "C")}
     for _ in range(REPEATS):
         follower, alone = (Follower(NativeSolid(model), space) for _ in range(2))
@@ -134,10 +153,7 @@ def steps_of(run: Run, motion: str, space: Space, model: NativeModel) -> list[Ro
     what = f"{space.name}, {motion}: "
     rows = [row(run.experiment, what + "iterations a step", float(np.mean(iterations)), "")]
     for side, least in seconds.items():
-        for share in (50, 95, 99):
-            rows.append(
-                row(run.experiment, what + f"step in {side}, {share} %", 1e6 * float(np.percentile(least, share)), "µs")
-            )
+        rows += shares(run, what + f"step in {side}", least)
     return rows
 
 
