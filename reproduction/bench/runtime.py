@@ -2,8 +2,9 @@
 
 Both step the same frames of every motion in the latent and the linear space at the usual tolerance, in one process and
 one thread, in turns. A motion is stepped several times, and the least time of each of its steps counts, for other
-tenants of a machine only add time. The C library also steps them at two other stops, N. "C from Python" is what a caller in Python pays, the calls that move grabs and the
-solves of a grab of a condensed model included; "C" is the one call of ldsim_step, ctypes included.
+tenants of a machine only add time. The C library also steps them at two other stops. "C from Python" is what a caller
+in Python pays, the calls that move grabs and the solves of a grab of a condensed model included; "C" is the one call of
+ldsim_step, ctypes included.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ REPEATS = 5
 INSTANCES = 64
 # Of each motion, for time.
 FRAMES = 600
+# N.
 STOPS = (1e-8, 4e-3)
 
 

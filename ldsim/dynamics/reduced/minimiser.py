@@ -128,7 +128,7 @@ def _precondition(model: Reduced, springs: Springs, z: Array, options: Minimisat
 
 
 @kernel()
-def _exchange_springs(model: Reduced, exchange: Exchange, H: Array, work: Work) -> bool:
+def exchange_springs(model: Reduced, exchange: Exchange, H: Array, work: Work) -> bool:
     """The springs that are held come into H, and those released go, at the z that was decoded last."""
     fine = True
     for i in range(exchange.held.shape[0]):
@@ -254,7 +254,7 @@ def step(
         if norm <= options.tolerance * max(math.sqrt(inner(z, z)), 1.0):
             return iteration, evaluations, CONVERGED, f, norm
         if iteration == 0 and exchange.others and not renew:
-            renew = not _exchange_springs(model, exchange, H, work)
+            renew = not exchange_springs(model, exchange, H, work)
         overdue = iteration - max(renewed_at, 0) >= options.renewal
         if iteration > 0 and (renew or overdue) and options.method != NEWTON:
             # a step that goes on for long: forces that cancel may leave nothing but their rounding

@@ -13,6 +13,7 @@ from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.preconditioner import grab_rows
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.advance import extrapolate
+from ldsim.dynamics.reduced.minimiser import Exchange, exchange_springs
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import value_gradient
 from ldsim.dynamics.reduced.state import ReducedState, fields
@@ -30,7 +31,7 @@ from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.space.basis import inner_product
-from ldsim.space.decoder import Decoder
+from ldsim.space.decoder import Decoder, decode, decode_jacobian
 from ldsim.space.lifting import Lifting
 from ldsim.space.pca import orthonormalised
 from tests.helpers import derivative_order, reduced_space, scene
@@ -153,6 +154,23 @@ def test_the_guess_follows_a_polynomial_and_falls_back_after_a_jolt() -> None:
     jolted[-1] += 1e6
     last = along(some, jolted)[-1]
     np.testing.assert_allclose(last.guess, jolted[-1])  # standing still is the best that is known
+
+
+def test_springs_of_other_grabs_are_exchanged_in_the_preconditioner() -> None:
+    some, rng = stepper(TET, some_basis(TET, 6), curved(6, 4)), np.random.default_rng(5)
+    model, _, work = some.compiled()
+    decode(model.layers, rng.normal(size=4), work.hidden, work.q)
+    decode_jacobian(model.layers, work.hidden, work.tangents, work.jacobian)
+    root, none = rng.normal(size=(4, 4)), np.zeros((0, 6))
+    rest = root @ root.T + 4 * np.eye(4)
+    released, held = rng.normal(size=(3, 6)), rng.normal(size=(6, 6))
+    a, b = released @ work.jacobian.T, held @ work.jacobian.T
+    H = np.linalg.inv(rest + a.T @ a)
+    assert exchange_springs(model, Exchange(False, True, held, released), H, work)
+    np.testing.assert_allclose(H, np.linalg.inv(rest + b.T @ b), rtol=1e-9)
+    # nearly all curvature was the spring's: what is left is not known by the difference
+    H = np.linalg.inv(rest + 1e6 * a.T @ a)
+    assert not exchange_springs(model, Exchange(False, True, none, 1e3 * released), H, work)
 
 
 def along(some: ReducedStepper, path: Array) -> list[ReducedState]:
