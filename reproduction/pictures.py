@@ -71,10 +71,9 @@ def film(runs: Path) -> None:
         space, h = run.chosen, run.scene.time_step
         motion = next(name for name, each in run.motions.items() if each.role == "test")
         step = {name: _entry(report, name, motion)["median_step_ms"] for name in ("full", space)}
-        count = report["dims"]["r"] if space == "latent" else report["dims"]["kp"]
         words = {
-            "full": f"finite elements, {3 * len(run.scene.free):,} numbers: {step['full']:.3g} ms a step",
-            space: f"the model, {count} numbers: {step[space]:.2g} ms a step",
+            "full": f"finite elements: {step['full']:.3g} ms a step",
+            space: f"the model: {step[space]:.2g} ms a step",
         }
         shown = [playback(run, motion, name) for name in words]
         moved = np.array([np.linalg.norm(shown[0].displacement(i), axis=1).mean() for i in range(shown[0].frames)])

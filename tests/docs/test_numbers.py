@@ -19,6 +19,12 @@ def test_the_numbers_of_a_page_are_those_of_the_files(page: Path) -> None:
     assert filled(text) == text, "run `python docs/generate.py` and commit what it writes"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_number_does_not_break_its_paragraph(page: Path) -> None:
+    """A comment at the beginning of a line ends the paragraph before it, in any Markdown."""
+    assert not re.findall(r"^\s*<!-- /?number.*", page.read_text("utf-8"), flags=re.M)
+
+
 def test_the_readme_has_no_measured_number_that_no_file_holds() -> None:
     text = re.sub(r"^```.*?^```", "", unmarked((ROOT / "README.md").read_text("utf-8")), flags=re.M | re.S)
     assert not MEASURED.findall(text)

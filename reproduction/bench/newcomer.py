@@ -1,0 +1,106 @@
+"""How long a newcomer takes from clone to a solid that follows the pointer: README's two commands, part by part.
+
+    python -m reproduction.bench.newcomer --folder /tmp/new                      all parts, one after the other
+    python -m reproduction.bench.newcomer --folder /tmp/new clone install mesh   some; what was measured is kept
+
+A fresh clone, an environment of its own and an empty folder of compiled kernels; the index of packages is the caller's.
+The last part, play, ends when the first pull in a browser has moved the solid (needs Chromium). Results go to
+reproduction/results/newcomer.json once every part is there. Beside the time on the clock stands that of the processors,
+which other work on the machine hardly lengthens.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import time
+from pathlib import Path
+
+from ldsim.settings import STAGES
+from reproduction.harness import ROOT, called, parser, row, show, write_json, write_results
+from tests.viewer.browser import chromium
+
+NAME = "newcomer"
+# What a stage runs is what `make demo` runs: it is asked for one after the other so that each can be timed.
+PARTS = {
+    "clone": ["git", "clone", "--quiet", str(ROOT), "ldsim"],
+    "install": ["make", ".venv/.used"],
+    **{stage: ["make", "EXPERIMENT=demo", stage] for stage in STAGES},
+    "play": [".venv/bin/ldsim", "play", "runs/demo", "--no-browser", "--until-closed"],
+}
+AT_MOST_S = 360.0
+MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > 0.01"
+
+
+def measured(part: str, folder: Path) -> dict[str, float]:
+    """Seconds on the clock, and of the processors, that a part takes."""
+    own = {"XDG_CACHE_HOME": str(folder / "cache")}
+    unset = ("PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV", "MAKEFLAGS", "OMP_NUM_THREADS")
+    environment = {name: value for name, value in os.environ.items() if name not in unset} | own
+    place = folder if part == "clone" else folder / "ldsim"
+    begun, before = time.perf_counter(), _processors()
+    with subprocess.Popen(PARTS[part], cwd=place, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        if part == "play":
+            _pull(next(line.strip() for line in process.stdout if line.startswith("http")))
+            seconds = time.perf_counter() - begun
+        for _ in process.stdout:
+            pass
+    assert process.returncode == 0, f"{PARTS[part]} ended with {process.returncode}"
+    return {
+        "clock": seconds if part == "play" else time.perf_counter() - begun,
+        "processors": _processors() - before,
+    }
+
+
+def _processors() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _pull(url: str) -> None:
+    """Open the page, drag at the middle of what is seen of the solid, and wait until it has moved."""
+    with chromium() as tab:
+        tab.size(1280, 800)
+        tab.open(url)
+        tab.wait("window.ldsim !== undefined && ldsim.ready")
+        at = tab.evaluate(
+            """(() => { before = Array.from(ldsim.positions(0));
+              for (let i = 0; i < before.length / 3; i++) {
+                const [offsetX, offsetY] = ldsim.screen(0, i);
+                if (offsetY < 330 && ldsim.stage.hit({ offsetX, offsetY })) return [offsetX, offsetY];
+              } })()"""
+        )
+        tab.mouse("mousePressed", at)
+        for i in range(1, 9):
+            tab.mouse("mouseMoved", (at[0] + 10 * i, at[1] - 8 * i))
+        tab.wait(MOVED)
+        tab.mouse("mouseReleased", at)
+
+
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("parts", nargs="*", choices=[*PARTS, []], help="some only")
+    arguments.add_argument("--folder", type=Path, required=True, help="an empty one, or that of the parts before")
+    given = arguments.parse_args()
+    folder = given.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "measured.json"
+    known = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    for part in given.parts or PARTS:
+        known[part] = measured(part, folder)
+        write_json(file, known)
+    rows = [row(part, kind, seconds, "s") for part, found in known.items() for kind, seconds in found.items()]
+    if set(known) == set(PARTS):
+        rows += [
+            row("all", kind, sum(each[kind] for each in known.values()), "s", f"<= {AT_MOST_S:g}" * (kind == "clock"))
+            for kind in ("clock", "processors")
+        ]
+        write_results(NAME, called(NAME), rows)
+    show(rows, "from clone to a solid under the pointer")
+
+
+if __name__ == "__main__":
+    main()
