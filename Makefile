@@ -46,10 +46,11 @@ report: ## stage 7 and the default: write the report
 
 $(ENVIRONMENT) $(VENV)/.used: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
+# What is never imported need not be compiled.
 	@echo "installing the packages of requirements.lock into $(VENV), about 1.5 GB"
-	$(VENV)/bin/python -m pip install $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
+	$(VENV)/bin/python -m pip install --no-compile $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
 	    $(shell grep ^torch== requirements.lock)
-	$(VENV)/bin/python -m pip install --constraint requirements.lock \
+	$(VENV)/bin/python -m pip install --no-compile --constraint requirements.lock \
 	    --editable '.[$(if $(findstring $(ENVIRONMENT),$@),dev,train)]'
 	@touch $@
 

@@ -103,7 +103,6 @@ GALLERY_INTRODUCTION = """# Gallery
 Every configuration that ships with the project: at rest, and where its first motion moves it most. To run all stages of
 one, `make EXPERIMENT=NAME`; then `ldsim play runs/NAME` lets you pull at it. `make pictures` makes the pictures anew.
 
-<!-- live -->
 """
 
 HEADER_MEANINGS = {

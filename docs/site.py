@@ -11,16 +11,17 @@ from mkdocs.structure.files import File
 ROOT = Path(__file__).parent.parent
 FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 README = ROOT / "README.md"
-LIVE = ROOT / "runs" / "demo" / "export" / "demo.html"
+LIVE = {page.stem: page for page in sorted(ROOT.glob("runs/*/export/*.html")) if page.stem == page.parents[1].name}
+EXAMPLE = re.compile(r"^## (\w+)\n", re.M)
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of the root, and the one that `ldsim export runs/demo --playground` has made, where it is there."""
+    """Add the pages of the root, and those that `ldsim export runs/NAME --playground` has made of examples."""
     for name in FROM_ROOT:
         files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
-    if LIVE.is_file():
-        files.append(File.generated(config, "live/demo.html", abs_src_path=str(LIVE)))
+    for name, page in LIVE.items():
+        files.append(File.generated(config, f"live/{name}.html", abs_src_path=str(page)))
     return files
 
 
@@ -53,5 +54,9 @@ def _moved(markdown: str, own: Path, up: str) -> str:
         place = file.relative_to(ROOT / "docs") if file.is_relative_to(ROOT / "docs") else Path(file.name)
         return f"[{found[1]}]({up}{place.as_posix()}{'#' if anchor else ''}{anchor})"
 
-    live = "**[Pull at the demo](live/demo.html)**: this page simulates by itself." if LIVE.is_file() else ""
-    return LINK.sub(moved, markdown.replace("](docs/pictures/", "](pictures/")).replace("<!-- live -->", live)
+    shown = LINK.sub(moved, markdown.replace("](docs/pictures/", "](pictures/"))
+    return EXAMPLE.sub(lambda found: found[0] + (_live(found[1], up) if own.stem == "gallery" else ""), shown)
+
+
+def _live(name: str, up: str) -> str:
+    return f"\n**[Pull at it]({up}live/{name}.html)**: this page simulates by itself.\n" if name in LIVE else ""

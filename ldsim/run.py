@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import resource
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,6 +37,9 @@ from ldsim.space.basis import Basis
 from ldsim.space.lifting import Lifting
 from ldsim.space.pca import Chunks, Pca
 from ldsim.space.space import Space
+
+if sys.platform != "win32":
+    import resource
 
 REDUCED = ("linear", "latent")
 SPACES = ("full", *REDUCED)
@@ -356,6 +359,8 @@ class Stage:
 
 
 def peak_memory_mb() -> float:
-    """Largest resident memory of this process or one of its workers so far, MB (10⁶ bytes)."""
+    """Largest resident memory of this process or one of its workers so far, MB (10⁶ bytes); 0 on Windows."""
+    if sys.platform == "win32":
+        return 0.0
     usage = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return usage * 1024 / 1e6
+    return usage * (1 if sys.platform == "darwin" else 1024) / 1e6

@@ -1,11 +1,11 @@
 """Every picture and film of README and the guide, from the run of the demo and the configurations as they are.
 
     make pictures                                  all of them; needs runs/demo, runs/ci and Chromium
-    python -m reproduction.pictures film gallery   some: film, pages, gallery
+    python -m reproduction.pictures film gallery   some: film, pages, gallery, drawings
 
 They go to docs/pictures/, and what each shows, with its hash, to docs/pictures/made.json: a test fails where that has
-changed since. The film's numbers go to reproduction/results/demo.json. (The drawings of the notebook, which is frozen,
-were made by the benchmarks that they show.)
+changed since. The film's numbers go to reproduction/results/demo.json. The notebook's drawings are made from the
+results that they show, which benchmarks have measured.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from ldsim.settings import load_settings
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from reproduction.bench.pipeline import ROOMS, rows_of
-from reproduction.harness import CONFIGS, PICTURES, parser, row, write_json, write_results
+from reproduction.drawings import drawings
+from reproduction.harness import CONFIGS, PICTURES, ROOT, parser, row, write_json, write_results
 from reproduction.pages import input_hashes
 from tests.viewer.browser import Tab, chromium
 from tests.viewer.served import served
@@ -237,7 +238,15 @@ def _example(scene: Scene, u: Array, pulls: Sequence[Pull], title: str) -> Pictu
     return side_by_side(poses, surface_triangles(scene.mesh), view, limits_of(view, everything), 720)
 
 
-KINDS: dict[str, Callable[[Path], None]] = {"film": film, "pages": pages, "gallery": gallery}
+def drawn(_: Path) -> None:
+    """What the notebook shows of measurements, from their results."""
+    shown = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
+    for name, svg, result in drawings():
+        if f"/{name})" in shown:
+            keep(name, f"{svg}\n".encode(), [str(result.relative_to(ROOT))])
+
+
+KINDS: dict[str, Callable[[Path], None]] = {"film": film, "pages": pages, "gallery": gallery, "drawings": drawn}
 
 
 def main() -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import secrets
+import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,11 @@ from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +92,18 @@ class Lease:
                 self._path.unlink()
 
 
+def _own(file: int) -> None:
+    """Wait until no other process has the lock of a file; it is given up where that is closed."""
+    if sys.platform != "win32":
+        fcntl.flock(file, fcntl.LOCK_EX)
+        return
+    while True:
+        with contextlib.suppress(OSError):
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+            return
+        time.sleep(0.1)
+
+
 class MotionStore:
     """The files of one motion's run: frames appended one by one, and a checkpoint replaced after each."""
 
@@ -103,7 +121,7 @@ class MotionStore:
             self._folder.mkdir(parents=True, exist_ok=True)
             lock = self._lock_path.open("w")
         with lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            _own(lock.fileno())
             yield
 
     def write_checkpoint(self, checkpoint: Checkpoint) -> None:

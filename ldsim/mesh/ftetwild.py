@@ -6,7 +6,6 @@ of its own, which the system ends after the given seconds, even when nobody wait
 
 from __future__ import annotations
 
-import signal
 import sys
 
 import numpy as np
@@ -17,9 +16,8 @@ PASSES = 20  # of optimisation; with fTetWild's default of 80 a torus took eight
 
 
 def main(source: str, target: str) -> None:
-    """Read vertices, faces, edge_length, envelope (both metres) and seconds; write vertices and cells."""
+    """Read vertices, faces, edge_length and envelope (both metres); write vertices and cells."""
     with np.load(source) as given:
-        signal.alarm(int(given["seconds"]))
         diagonal = float(np.linalg.norm(np.ptp(given["vertices"], axis=0)))
         vertices, cells = tetrahedralize(
             given["vertices"],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import signal
 import subprocess
 import sys
 import tempfile
@@ -84,7 +83,6 @@ def tetrahedralized(
             faces=surface.faces,
             edge_length=edge_length,
             envelope=envelope or ENVELOPE * edge_length,
-            seconds=np.ceil(seconds),
         )
         _run_ftetwild(source, target, seconds)
         with np.load(target) as made:
@@ -132,18 +130,20 @@ def _order(tried: Sequence[Tetrahedralization]) -> float:
 
 def _run_ftetwild(source: Path, target: Path, seconds: float) -> None:
     """Fill in a process of its own, whose folder is the temporary one: fTetWild leaves a file where it runs."""
-    done = subprocess.run(
-        [sys.executable, "-m", "ldsim.mesh.ftetwild", str(source), str(target)],
-        cwd=source.parent,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
-        capture_output=True,
-        check=False,
-    )
-    if done.returncode == -signal.SIGALRM:
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "ldsim.mesh.ftetwild", str(source), str(target)],
+            cwd=source.parent,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
+            capture_output=True,
+            check=False,
+            timeout=seconds,
+        )
+    except subprocess.TimeoutExpired as error:
         raise MeshError(
             f"fTetWild did not fill the surface within {seconds:g} s; give a larger mesh.surface.edge_length, envelope "
             "or timeout"
-        )
+        ) from error
     if done.returncode or not target.is_file():
         words = done.stderr.decode(errors="replace").strip().splitlines()
         raise MeshError(

@@ -7,14 +7,18 @@ multifrontal method".
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ldsim.arrays import Indices
 from ldsim.jit import njit
+
+if sys.platform != "win32":  # there are no wheels of it for Windows
+    import pymetis
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +54,16 @@ def nested_dissection(graph: csr_array) -> Indices:
     """A fill-reducing order of the nodes of a symmetric graph without diagonal, (f,) int64."""
     if graph.shape[0] < 2 or graph.nnz == 0:
         return np.arange(graph.shape[0], dtype=np.int64)
+    if sys.platform == "win32":
+        return band_order(graph)
     adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
     order, _ = pymetis.nested_dissection(adjacency)
     return np.asarray(order, dtype=np.int64)
+
+
+def band_order(graph: csr_array) -> Indices:
+    """An order of a symmetric graph's nodes that keeps entries near the diagonal; more fill than nested dissection."""
+    return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
 
 
 def elimination_order(graph: csr_array) -> Indices:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import signal
 import threading
 import webbrowser
@@ -21,7 +22,7 @@ def serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
         browser: whether to open the page in one.
         tell, warn: what take the address of the page, and what went wrong with the browser.
     """
-    with one_thread():
+    with one_thread(), contextlib.suppress(KeyboardInterrupt):
         asyncio.run(_serve(server, browser, tell, warn))
     tell("stopped")
 
@@ -30,7 +31,8 @@ async def _serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
     if threading.current_thread() is threading.main_thread():  # no other thread can take signals
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, server.end)
+            with contextlib.suppress(NotImplementedError):  # on Windows, where Ctrl+C interrupts the loop itself
+                loop.add_signal_handler(number, server.end)
     await server.run(lambda url: _announce(url, browser, tell, warn))
 
 

@@ -4,7 +4,7 @@ Models are those of cubature_models.py, each at the paper's r; parts those of cu
 may be given several times; without them all are measured, the methods on x alone. Poses come from the finished runs in
 `--runs` (make EXPERIMENT=x …), the rest is made and kept in `--made`, and so is what is done: interrupted, it goes on;
 to measure anew, delete the model's files in `--made`/parts and rules. `--quick` measures the embedded demo, in minutes.
-All parts that are there, of whichever call, go to reproduction/results/cubature.json and docs/pictures.
+All parts that are there, of whichever call, go to reproduction/results/cubature.json.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ldsim.report.svg import PALETTE, new_axes, to_svg
 from reproduction.bench.cubature_models import SIZES, SOURCES, model, prepared
 from reproduction.bench.cubature_parts import PARTS, QUICK, Effort, Fitted
 from reproduction.bench.kept import kept
-from reproduction.harness import PICTURES, Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "cubature"
 # The poses of the dragon are carried over from a coarser mesh, so that one is stepped.
@@ -80,14 +80,12 @@ def picture(rows: list[Row], name: str) -> str:
 
 
 def collect(made: Path) -> None:
-    """Everything measured so far, as one file, and the picture of the methods."""
+    """Everything measured so far, as one file."""
     names = [(name, part) for name in (*SOURCES, *SIZES) for part in PARTS]
     files = [made / "parts" / f"{name}-{part}.json" for name, part in names]
     rows: list[Row] = [r for file in files if file.exists() for r in json.loads(file.read_text("utf-8"))["kept"]]
     rows += growth(rows)
     write_results(NAME, called(NAME), rows)
-    for name in {r["model"] for r in rows if r["quantity"].startswith("error, held-out poses, ")}:
-        (PICTURES / f"cubature_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 
 
 def arguments() -> argparse.ArgumentParser:

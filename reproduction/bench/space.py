@@ -8,7 +8,7 @@ dimensions as well, with the settings of the run. "Stepped" is the latent space 
 motion takes minutes). Every space that is done is kept in `--kept` and not measured again as long as the run has the
 same model; interrupted, it goes on with the next. `--pca` measures the streamed PCA against one in memory
 (250,000 × 1,000 float32). `--quick` takes 60 frames and three linear dimensions.
-Results of each given run go to reproduction/results/space_RUN.json, its frontier to docs/pictures/space_RUN.svg.
+Results of each given run go to reproduction/results/space_RUN.json.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ldsim.run import Run
 from ldsim.space.space import Space
 from reproduction.bench.kept import kept
 from reproduction.bench.space_parts import latent_of, measure_pca, measure_space, measure_stepped
-from reproduction.harness import PICTURES, Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "space"
 DIMENSIONS = (10, 15, 20, 25, 30, 35, 40, 50, 60)
@@ -150,10 +150,8 @@ def main() -> None:
 
 
 def record(name: str, rows: list[Row], quick: bool) -> None:
-    """Write the results of a run, or of the streamed PCA, and the frontier of a run."""
+    """Write the results of a run, or of the streamed PCA."""
     write_results(f"space_{name}{'_quick' if quick else ''}", called(NAME), rows)
-    if not quick and name != "pca":
-        (PICTURES / f"space_{name}.svg").write_text(picture(rows, name) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

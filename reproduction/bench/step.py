@@ -5,8 +5,7 @@ same poses, and the fastest of its minimisers, with the stop rule as the paper p
 What is fitted is kept in `step` beside the runs. More runs of the same scene add their latent spaces: other r, k and
 widths. All are judged with the loosest stop on every motion of the first run, whole and restarted every 0.25 s, and
 timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps
-counts, for other tenants of a machine only add time. The frontier of each motion goes to
-docs/pictures/step_RUN_MOTION.svg. `--quick` takes four dimensions, `--linear 40` only this one (may be repeated).
+counts, for other tenants of a machine only add time. `--quick` takes four dimensions, `--linear 40` only this one (may be repeated).
 """
 
 from __future__ import annotations
@@ -28,9 +27,9 @@ from ldsim.jit import one_thread
 from ldsim.pipeline.comparison import Reference, fastest, run_reduced
 from ldsim.run import Run
 from ldsim.space.space import Space
-from reproduction.bench.step_frontier import Point, picture, ratios, rows
+from reproduction.bench.step_frontier import Point, ratios, rows
 from reproduction.bench.step_spaces import latent_spaces, linear_spaces
-from reproduction.harness import PICTURES, called, parser, show, write_results
+from reproduction.harness import called, parser, show, write_results
 from reproduction.reduced_runs import WINDOW, played, reference
 
 NAME = "step"
@@ -104,7 +103,7 @@ def measure(runs: list[Run], dimensions: list[int], kept: Path) -> list[Point]:
 
 
 def write(model: str, table: list[Point], kp: int, quick: bool) -> None:
-    """Print the table and the ratios, and write both with the pictures of the frontiers."""
+    """Print the table and the ratios, and write both."""
     print("| " + " | ".join(Point._fields) + " |\n" + "|---" * len(Point._fields) + "|")
     for entry in table:
         print("| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in entry) + " |")
@@ -112,9 +111,6 @@ def write(model: str, table: list[Point], kp: int, quick: bool) -> None:
     show(found, "Ratios")
     suffix = "_quick" if quick else ""
     write_results(f"step_{model}{suffix}", called(NAME), found + rows(model, table))
-    for motion in dict.fromkeys(point.motion for point in table) if not quick else ():
-        drawn = picture(model, motion, table)
-        (PICTURES / f"step_{model}_{motion}.svg").write_text(drawn + "\n", encoding="utf-8")
 
 
 def arguments() -> argparse.ArgumentParser:

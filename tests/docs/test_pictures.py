@@ -12,7 +12,7 @@ from reproduction.pages import input_hashes
 from reproduction.pictures import LARGEST, MADE
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "docs" / "gallery.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SHOWN = re.compile(r"!\[([^\]]*)\]\(([^)\s]+)\)")
 MADE_FROM = json.loads(MADE.read_text("utf-8"))
 
@@ -28,6 +28,6 @@ def test_every_picture_of_a_page_is_made_from_what_is_there_now(page: Path) -> N
 
 
 def test_no_picture_is_kept_that_nothing_shows() -> None:
-    texts = "".join(page.read_text("utf-8") for page in [*PAGES, *sorted((ROOT / "docs").rglob("*.md"))])
-    kept = [file.name for kind in ("*.webp", "*.png") for file in MADE.parent.glob(kind)]
+    texts = "".join(page.read_text("utf-8") for page in PAGES)
+    kept = [file.name for kind in ("*.webp", "*.png", "*.svg") for file in MADE.parent.glob(kind)]
     assert not [name for name in kept if name not in texts]
