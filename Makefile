@@ -80,7 +80,8 @@ pictures: $(ENVIRONMENT) ## every picture of README and the guide anew, from run
 	$(VENV)/bin/python -m reproduction.pictures --runs $(RUNS)
 	$(VENV)/bin/python docs/generate.py
 
-site: $(ENVIRONMENT) ## the documentation as a site with search, in build/site
+site: $(ENVIRONMENT) ## the documentation as a site with search and live pages of the finished runs, in build/site
+	$(foreach run,$(wildcard $(RUNS)/*/simulation.h5),$(LDSIM) export $(dir $(run)) --playground &&) true
 	$(VENV)/bin/python -m mkdocs build --strict
 
 clean: ## remove the files of the experiment

@@ -94,14 +94,14 @@ class Lease:
 
 def _own(file: int) -> None:
     """Wait until no other process has the lock of a file; it is given up where that is closed."""
-    if sys.platform != "win32":
+    if sys.platform == "win32":
+        while True:
+            with contextlib.suppress(OSError):
+                msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+                return
+            time.sleep(0.1)
+    else:
         fcntl.flock(file, fcntl.LOCK_EX)
-        return
-    while True:
-        with contextlib.suppress(OSError):
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-            return
-        time.sleep(0.1)
 
 
 class MotionStore:

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from ldsim.settings import STAGES
-from reproduction.harness import ROOT, called, parser, row, show, write_json, write_results
+from reproduction.harness import ROOT, parser, row, show, write_json, write_results
 from tests.viewer.browser import chromium
 
 NAME = "newcomer"
@@ -98,7 +98,7 @@ def main() -> None:
             row("all", kind, sum(each[kind] for each in known.values()), "s", f"<= {AT_MOST_S:g}" * (kind == "clock"))
             for kind in ("clock", "processors")
         ]
-        write_results(NAME, called(NAME), rows)
+        write_results(NAME, f"python -m reproduction.bench.{NAME} --folder FOLDER", rows)
     show(rows, "from clone to a solid under the pointer")
 
 

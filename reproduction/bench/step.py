@@ -5,7 +5,8 @@ same poses, and the fastest of its minimisers, with the stop rule as the paper p
 What is fitted is kept in `step` beside the runs. More runs of the same scene add their latent spaces: other r, k and
 widths. All are judged with the loosest stop on every motion of the first run, whole and restarted every 0.25 s, and
 timed in one process, one thread, in turns: a motion is stepped several times, and the least time of each of its steps
-counts, for other tenants of a machine only add time. `--quick` takes four dimensions, `--linear 40` only this one (may be repeated).
+counts, for other tenants of a machine only add time. `--quick` takes four
+dimensions, `--linear 40` only this one (may be repeated).
 """
 
 from __future__ import annotations
