@@ -24,7 +24,7 @@ from ldsim.settings.make import make
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
 # else what is learned from does not show what the others do.
 POOR = 0.5
-# A few pulls are judged, and many are stated: the worst of ten is some 90th percentile, that of 59 the 95th at 95 %
+# A few pulls are judged, and many are stated: the worst of ten is some 90th percentile, and the 95th is stated, at 95 %
 # confidence. So rounds go on, as long as there is time, until the few hold this share of the error that is asked for.
 MARGIN = 0.6
 # Rounds of own runs that are added at once, and the widest layers.
