@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import stat
 from dataclasses import replace
 from pathlib import Path
@@ -75,6 +76,21 @@ def test_what_pulls_is_known_in_every_frame_and_drawn(run: Run, push: Playback, 
         with Image.open(tmp_path / "a.webp") as image:
             pixels.append(np.asarray(image.convert("RGBA")).astype(int))
     assert np.abs(pixels[0] - pixels[1]).max() > 50
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("imageio_ffmpeg") is None, reason="ffmpeg is missing: pip install 'ldsim[video]'"
+)
+def test_a_real_video_has_every_frame_in_its_size_and_moves(push: Playback, tmp_path: Path) -> None:
+    import imageio_ffmpeg
+
+    path = tmp_path / "a.mp4"
+    write_video(replace(push, frames=6), path, MP4, PictureLook(1 / push.frame_seconds, (160, 96), (30, 15)))
+    told, *frames = imageio_ffmpeg.read_frames(path)
+    assert told["size"] == (160, 96) and told["fps"] == pytest.approx(1 / push.frame_seconds)
+    pixels = np.array([np.frombuffer(frame, np.uint8) for frame in frames]).astype(int)
+    assert len(pixels) == 6 and pixels[0].std() > 10
+    assert np.abs(pixels[-1] - pixels[0]).max() > 30
 
 
 def test_the_ffmpeg_of_the_system_is_given_every_frame(
