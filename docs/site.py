@@ -30,8 +30,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     own = ROOT / page.file.src_uri if page.file.src_uri in FROM_ROOT else ROOT / "docs" / page.file.src_uri
     if page.file.src_uri == "index.md":
         first = README.read_text(encoding="utf-8").partition("\n## Your own solid")[0]
-        first = first.replace("\n**One number.**", _live("demo", "") + "\n**One number.**")
-        return _moved(first, README, "") + _moved(markdown.replace("# Documentation of ldsim\n", ""), own, "")
+        first = _moved(first, README, "").replace("\n**One number.**", _live("demo", "") + "\n**One number.**")
+        return first + _moved(markdown.replace("# Documentation of ldsim\n", ""), own, "")
     return _moved(markdown, own, "../" * page.file.src_uri.count("/"))
 
 
