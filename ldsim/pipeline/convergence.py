@@ -37,11 +37,11 @@ class Round(Options):
     seconds: Annotated[float, Field(description="From the beginning of the round to its error.")]
     changed: Annotated[str, Field(description="Settings that were extended after it; empty where none were.")]
 
-    def line(self, number: int, asked: float) -> str:
-        """Of a table for the console."""
+    def line(self, number: int, asked: float, few: float) -> str:
+        """Of a table for the console; asked is the error, and few what so few pulls have to hold for it."""
         off = "lost" if self.error is None else f"off by up to {100 * self.error:.2g} %"
         then = f"; next: {self.changed}" if self.changed else ""
-        of = f"{self.pulls} pulls kept aside (asked {100 * asked:g} %)"
+        of = f"{self.pulls} pulls kept aside (asked {100 * asked:g} %, of so few {100 * few:g} %)"
         return f"round {number}: {off} on {of}, {self.seconds:.0f} s{then}"
 
 

@@ -95,11 +95,12 @@ def enrich(
     if percent is None:
         return []
     asked, seconds = percent / 100, math.inf if minutes is None else 60 * minutes
+    few = MARGIN * asked
     surrogate, rounds = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP)), []
     folder = runs / load_settings(config).experiment
-    for each in improved(surrogate, MARGIN * asked, seconds):
+    for each in improved(surrogate, few, seconds):
         rounds.append(each)
-        say(each.line(len(rounds), asked))
+        say(each.line(len(rounds), asked, few))
         write_rounds(folder, rounds)
     surrogate.take_best()
     remove_checkpoints(folder / "model.partial")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,7 +11,7 @@ import torch
 from ldsim.arrays import Array
 from ldsim.cubature.kernels import stresses_of_strains
 from ldsim.errors import SolverError
-from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed, neo_hookean
+from ldsim.learn.condensed import HELD, Condensed, CondensedSamples, _Fit, fit_condensed, neo_hookean
 from ldsim.learn.options import CondensedOptions, TrainOptions
 from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.materials import material_number
@@ -136,3 +138,19 @@ def test_the_material_of_the_fit_is_the_compiled_one() -> None:
     compiled = [energy(number, tuple(f.ravel().tolist()), mu, lam) for f in F]
     fitted = mu * neo_hookean(torch.tensor(F), torch.tensor(lam / mu, dtype=torch.float64))
     np.testing.assert_allclose(fitted.numpy(), compiled, rtol=1e-12)
+
+
+def test_a_wrong_force_counts_by_how_far_it_moves_the_solid_held() -> None:
+    """Where it is stiff less, where it is soft more, and where it buckles by what holds it."""
+    content = samples(20)
+    stiff, soft, buckled = 9.0, 0.1, -0.5  # shares of S₀
+    stiffness = content.stiffness.copy()
+    root = np.linalg.cholesky(S0)
+    for i, (a, b) in enumerate([(stiff, soft), (soft, buckled)]):
+        stiffness[i] = root @ np.diag([a, b]) @ root.T
+    fit = _Fit(replace(content, stiffness=stiffness), (np.arange(POINTS), MU, LAM), OPTIONS)
+    expected = 1 / (np.abs([[soft, stiff], [buckled, soft]]) + HELD)
+    found = np.linalg.eigvalsh(fit.softness[:2].numpy())
+    np.testing.assert_allclose(found, np.sort(expected, axis=1), rtol=1e-9)
+    moved = fit.softness[0] @ torch.linalg.eigh(fit.hessian[0]).eigenvectors
+    assert moved[:, 0].norm() > 20 * moved[:, 1].norm()

@@ -76,7 +76,9 @@ def test_it_ends_where_nothing_is_left_to_extend() -> None:
 def test_a_model_that_is_lost_is_extended_and_said_to_be_lost() -> None:
     found = rounds(Made([math.inf, 0.01]), 0.05)
     assert [each.error for each in found] == [None, 0.01]
-    assert found[0].line(1, 0.05) == "round 1: lost on 5 pulls kept aside (asked 5 %), 10 s; next: more"
+    assert found[0].line(1, 0.05, 0.03) == (
+        "round 1: lost on 5 pulls kept aside (asked 5 %, of so few 3 %), 10 s; next: more"
+    )
 
 
 def test_more_poses_where_it_fits_and_wider_layers_where_it_does_not() -> None:
@@ -142,7 +144,7 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
     assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
     run = tmp_path / "runs" / "part"
     assert [each.error for each in read_rounds(run)] == [0.3, 0.02]
-    assert told[0].startswith("round 1: off by up to 30 % on 2 pulls kept aside (asked 5 %)")
+    assert told[0].startswith("round 1: off by up to 30 % on 2 pulls kept aside (asked 5 %, of so few 3 %)")
     assert [each.name for each in sorted(run.iterdir())] == ["model.h5", "rounds.json"]
 
 
