@@ -64,7 +64,7 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
                 for space in SPACES
             }
         ),
-        space=str(run.header("simulation").notes.get("space", "latent")),
+        space=run.chosen,
         frontier=_frontier(run),
         speedup=_speedups(run),
         statement=_statement(run),
@@ -250,22 +250,23 @@ def _speedups(run: Run) -> schema.Speedups:
         linear_error=None if beside is None else _finite(beside.error),
         latent_over_linear_kp=_speedup(run, "linear"),
         latent_over_full=_speedup(run, "full"),
+        chosen_over_full=_speedup(run, "full", run.chosen),
     )
 
 
-def _speedup(run: Run, slower: str) -> float | None:
-    """Median step of the slower space over that of the latent one, over the same frames of the motions that both ran.
+def _speedup(run: Run, slower: str, faster: str = "latent") -> float | None:
+    """Median step of the slower space over that of the faster one, over the same frames of the motions that both ran.
 
     A motion in which either diverged is left out: its steps are not of the same work.
     """
-    ours, theirs = runs(run, "latent"), runs(run, slower)
+    ours, theirs = runs(run, faster), runs(run, slower)
     fast, slow = [], []
-    for name, latent in ours.items():
-        if name not in theirs or latent.diverged or theirs[name].diverged:
+    for name, mine in ours.items():
+        if name not in theirs or mine.diverged or theirs[name].diverged:
             continue
         seconds = theirs[name].seconds
         frames = stretch(run.motions[name].motion, len(seconds))  # of the full space a stretch was run
-        fast.append(latent.seconds[frames.start : frames.stop])
+        fast.append(mine.seconds[frames.start : frames.stop])
         slow.append(seconds)
     if not fast:
         return None

@@ -178,7 +178,7 @@ class FrontierRun(ReportSection):
 
 
 class Speedups(ReportSection):
-    """Median step of the slower space over that of the latent one, over the same frames of the same motions."""
+    """Median step of the slower space over that of the faster one, over the same frames of the same motions."""
 
     latent_over_linear_equal_error: Annotated[
         Number,
@@ -190,6 +190,7 @@ class Speedups(ReportSection):
     linear_error: Annotated[Number, _about("its online error on them")]
     latent_over_linear_kp: Annotated[Number, _about("against the linear space of kp columns, whatever its error")]
     latent_over_full: Annotated[Number, _about("against the full space, on the stretch that it was timed on")]
+    chosen_over_full: Annotated[Number, _about("the same of the space that simulate chose: the headline's number")]
 
 
 class StatementBound(ReportSection):
@@ -275,6 +276,11 @@ class RunNumbers(ReportSection):
         runs = [run for space in ("latent", "linear", "full") for run in self.simulate[space]]
         motion = max(runs, key=lambda run: ROLES.index(run.role)).motion if runs else None
         return {space: run for space in SPACES for run in self.simulate[space] if run.motion == motion}
+
+    def headline(self) -> FrontierRun | None:
+        """The run of the space that simulate chose on that motion."""
+        motion = next((run.motion for run in self.headline_runs().values()), None)
+        return next((run for run in self.frontier if (run.space, run.motion) == (self.space, motion)), None)
 
 
 def check_report(report: object) -> list[str]:

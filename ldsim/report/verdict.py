@@ -24,7 +24,7 @@ def verdict(report: RunNumbers) -> Verdict:
             why=f"{told} {'was lost' if lost else 'has no full-space run to be judged by'}.",
         )
     good, usable = error <= LARGE_ONLINE_ERROR, error <= USELESS_ONLINE_ERROR
-    why = f"{told} stays within {readable(100 * error)} % {where}{_beside_full(report, runs)}."
+    why = f"{told} stays within {readable(100 * error)} % {where}{_beside_full(report)}."
     return Verdict(word="good" if good else "usable" if usable else "do not use", why=why)
 
 
@@ -46,13 +46,10 @@ def _error(report: RunNumbers, runs: list[FrontierRun]) -> tuple[float | None, s
     return max(error for error in errors if error is not None), about
 
 
-def _beside_full(report: RunNumbers, runs: list[FrontierRun]) -> str:
-    """How a step compares with one of the full space on the same motion, where that was timed."""
-    full = {run.motion: run.median_step_ms for run in report.simulate.full}
-    pairs = [(full[run.motion], run.median_step_ms) for run in runs if full.get(run.motion) and run.median_step_ms]
-    if not pairs:
+def _beside_full(report: RunNumbers) -> str:
+    """How a step compares with one of the full space, in the numbers of the headline."""
+    run, ratio = report.headline(), report.speedup.chosen_over_full
+    if run is None or run.median_step_ms is None or ratio is None:
         return ""
-    slow, quick = max(pairs, key=lambda pair: pair[1] or 0)
-    assert slow is not None and quick is not None
-    said = f"in {readable(slow / quick)} times less time than" if slow > quick else "and no faster than"
-    return f"; it steps in {readable(quick)} ms, {said} the full space"
+    said = f"in {readable(ratio)} times less time than" if ratio > 1 else "and no faster than"
+    return f"; it steps in {readable(run.median_step_ms)} ms, {said} the full space"

@@ -14,6 +14,7 @@ import yaml
 from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
 from ldsim.options import Options
 from ldsim.pipeline.files import file_sums
+from ldsim.report.schema import check_report
 from ldsim.run import Run
 from ldsim.settings.experiment import STAGES, Settings, load_settings
 
@@ -97,13 +98,16 @@ class Staleness:
 
     def _of_report(self, stale: Set[str]) -> str | None:
         try:
-            made = json.loads((self._run.folder / REPORT).read_text(encoding="utf-8"))["made_from"]
-            settings, inputs = made["settings"], {str(kind): str(digest) for kind, digest in made["inputs"].items()}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            found = json.loads((self._run.folder / REPORT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            found = None
+        if check_report(found):
             return f"{REPORT} is missing, or of an earlier version"
+        made = found["made_from"]
         if not (self._run.folder / REPORT.with_suffix(".html")).is_file():
             return f"{REPORT.with_suffix('.html')} is missing"
-        return self._of_settings(settings, self._settings.report) or self._of_inputs(STAGES[-1], inputs, stale)
+        same = self._of_settings(made["settings"], self._settings.report)
+        return same or self._of_inputs(STAGES[-1], made["inputs"], stale)
 
     def _of_settings(self, before: str, section: Options) -> str | None:
         return None if before == section.dump() else f"{', '.join(changed_settings(before, section))} changed"

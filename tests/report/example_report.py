@@ -59,6 +59,7 @@ def example_report() -> dict[str, Any]:
             "linear_error": 0.2104,
             "latent_over_linear_kp": 16.92,
             "latent_over_full": 542.1,
+            "chosen_over_full": 542.1,
         },
         "statement": {
             "sentence": "95 % of motions like these stay within 4.6 %.",

@@ -296,6 +296,20 @@ def test_a_verdict_is_the_worst_motion_of_the_role_that_judges(numbers):
     assert f"within {readable(100 * worst)} % " in numbers["verdict"]["why"]
 
 
+def test_verdict_and_headline_tell_one_number(folder, numbers):
+    """Not in the same space as latent by chance: the chosen space is another one too."""
+    with finished_run(folder) as run:
+        linear = built(changed(run, "simulation", space="linear")).numbers
+    for found in (RunNumbers.model_validate(numbers), linear):
+        ratio, run = found.speedup.chosen_over_full, found.headline()
+        assert run is not None and run.space == found.space and run.motion == "push"
+        assert found.verdict.why.endswith(
+            f"it steps in {readable(run.median_step_ms)} ms, in {readable(ratio)} times less time than the full space."
+        )
+    assert numbers["speedup"]["chosen_over_full"] == numbers["speedup"]["latent_over_full"]
+    assert linear.speedup.chosen_over_full != numbers["speedup"]["latent_over_full"]
+
+
 @pytest.mark.parametrize(
     ("error", "word"), [(0.09, "good"), (0.29, "usable"), (0.31, "do not use"), (None, "do not use")]
 )
