@@ -75,16 +75,16 @@ def rest(tab: Tab) -> None:
     tab.wait("ldsim.q(0).every((x) => x === 0)")
 
 
-def pull(opened: Tab) -> dict[str, Any]:
-    """Rest, then a pull with the mouse while the clock stands; the pull as the page has it."""
+def pull(opened: Tab, space: str = "latent") -> dict[str, Any]:
+    """Rest, then a pull with the mouse while the clock stands; the pull as the page has it of a space."""
     rest(opened)
     x, y = opened.evaluate(FIND_PLACE)
     opened.mouse("mousePressed", (x, y))
     for step in range(1, 6):
         opened.mouse("mouseMoved", (x + 4 * step, y - 14 * step))
     state = opened.evaluate(
-        "JSON.stringify([...ldsim.source.pulls.values()].map(({ held, aims: [target] }) => "
-        "({ held, target, stiffness: ldsim.source.pull.stiffness })))"
+        "JSON.stringify([...ldsim.source.pulls.values()].map(({ held, aims }) => "
+        f"({{ held, target: aims.{space}, stiffness: ldsim.source.pull.stiffness }})))"
     )
     (only,) = json.loads(state)
     found: dict[str, Any] = only
@@ -102,9 +102,9 @@ def test_the_page_steps_without_an_error_and_asks_for_nothing_but_itself(opened:
 def test_a_drag_with_the_mouse_moves_the_surface_as_python_says(opened: Tab, run: Run, space: str) -> None:
     opened.evaluate(f"ldsim.source.send('spaces', {{ value: [{space!r}] }})")
     opened.wait(f"ldsim.ready && ldsim.stage.shapes[0].space.space === {space!r}")
-    held = pull(opened)
+    held = pull(opened, space)
     opened.evaluate(f"for (let i = 0; i < {STEPS}; i++) ldsim.source.stepOnce()")
-    opened.wait("ldsim.q(0).every((x, i) => x === Math.fround(ldsim.source.shown[0].features[i]))")
+    opened.wait(f"ldsim.q(0).every((x, i) => x === Math.fround(ldsim.source.solids.{space}.features[i]))")
     seen = np.array(opened.evaluate("ldsim.positions(0)")).reshape(-1, 3)
     opened.mouse("mouseReleased", (0, 0))
     body = run.scene
@@ -146,10 +146,38 @@ def test_releasing_gravity_and_stiffness_act_on_the_next_step(opened: Tab) -> No
     opened.evaluate("document.getElementById('gravity').click()")
     rest(opened)
     opened.evaluate("ldsim.source.stepOnce()")
-    assert opened.evaluate("Math.max(...ldsim.source.shown[0].features.map(Math.abs))") == 0
-    opened.evaluate("window.scale = 0; ldsim.source.shown[0].setStiffness = (value) => { scale = value; }")
+    assert opened.evaluate("Math.max(...ldsim.source.solids.latent.features.map(Math.abs))") == 0
+    opened.evaluate("window.scale = 0; ldsim.source.solids.latent.setStiffness = (value) => { scale = value; }")
     opened.evaluate("stiffness.value = 0.3; stiffness.dispatchEvent(new Event('input'))")
     assert opened.evaluate("scale") == pytest.approx(10**0.3)
+
+
+def test_a_space_that_is_turned_on_is_where_its_pulls_have_brought_it(opened: Tab) -> None:
+    pull(opened)
+    opened.evaluate("for (let i = 0; i < 40; i++) ldsim.source.stepOnce()")
+    state = "[ldsim.source.seconds, ...Object.values(ldsim.source.solids).map((solid) => Array.from(solid.features))]"
+    before = opened.evaluate(state)
+    opened.evaluate("document.querySelector('#spaces .linear').click()")
+    opened.wait("ldsim.stage.shapes.length === 2 && ldsim.q(1).some((x) => x !== 0)")
+    assert opened.evaluate(state) == before  # nobody began anew
+    rest_shape = np.array(opened.evaluate("Array.from(ldsim.stage.shapes[0].solid.rest)"))
+    for i in (0, 1):  # both hang on the pull
+        assert np.abs(np.array(opened.evaluate(f"ldsim.positions({i})")) - rest_shape).max() > 0.1
+    assert opened.evaluate("ldsim.source.pulls.size") == 1
+    opened.mouse("mouseReleased", (0, 0))
+    assert opened.complaints == []
+
+
+def test_a_pull_at_a_pin_is_told(opened: Tab) -> None:
+    rest(opened)
+    opened.evaluate("""(() => {
+      const { rest, pinned } = ldsim.stage.shapes[0].solid, at = 3 * pinned.indexOf(1);
+      const point = Array.from(rest.slice(at, at + 3));
+      ldsim.source.pull.radius = 1e-6;
+      ldsim.source.send("grab", { id: 1, point, target: point });
+    })()""")
+    opened.wait("document.getElementById('notice').textContent.includes('pinned')")
+    assert opened.evaluate("ldsim.source.pulls.size") == 0
 
 
 def test_pause_stops_the_clock_and_step_makes_one_step(opened: Tab) -> None:
@@ -164,11 +192,11 @@ def test_pause_stops_the_clock_and_step_makes_one_step(opened: Tab) -> None:
 def test_undo_brings_back_the_pose_and_the_pulls_from_before_the_last_pull(opened: Tab) -> None:
     pull(opened)
     opened.evaluate("ldsim.source.poses = []; for (let i = 0; i < 5; i++) ldsim.source.stepOnce()")
-    before = opened.evaluate("Array.from(ldsim.source.shown[0].features)")
+    before = opened.evaluate("Array.from(ldsim.source.solids.latent.features)")
     opened.evaluate("document.getElementById('reset').click(); ldsim.source.stepOnce()")
-    assert opened.evaluate("Array.from(ldsim.source.shown[0].features)") != before
+    assert opened.evaluate("Array.from(ldsim.source.solids.latent.features)") != before
     opened.evaluate("dispatchEvent(new KeyboardEvent('keydown', { key: 'u' }))")
-    assert opened.evaluate("Array.from(ldsim.source.shown[0].features)") == before
+    assert opened.evaluate("Array.from(ldsim.source.solids.latent.features)") == before
     assert opened.evaluate("ldsim.source.pulls.size") == 1
     opened.evaluate("dispatchEvent(new KeyboardEvent('keydown', { key: 'z', ctrlKey: true }))")
     opened.wait("document.getElementById('notice').textContent.startsWith('nothing to undo')")

@@ -40,7 +40,7 @@ export class Local {
       triangles: Uint32Array.from(triangles, (v) => number.get(v)),
       pinned: Uint32Array.from(surface, (v) => 1 - movable[v]),
     };
-    Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0, records: [] });
+    Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0, records: {} });
     this.spaces(["latent"]);
   }
 
@@ -83,13 +83,14 @@ export class Local {
     if (elapsed) this.share = 0.95 * this.share + 0.05 * (behind ? (stepped * this.h) / elapsed : this.look.speed);
   }
 
+  /** Of every space, seen or not: one that is turned on is where its pulls have brought it. */
   stepOnce() {
     let held = false;
-    this.shown.forEach((solid, i) => {
+    for (const [name, solid] of Object.entries(this.solids)) {
       const before = performance.now(), record = solid.step(), taken = performance.now() - before;
-      this.records[i] = { ...record, milliseconds: 0.9 * (this.records[i]?.milliseconds ?? taken) + 0.1 * taken };
-      held ||= record.outcome === HELD;
-    });
+      this.records[name] = { ...record, milliseconds: 0.9 * (this.records[name]?.milliseconds ?? taken) + 0.1 * taken };
+      held ||= record.outcome === HELD && this.names.includes(name);
+    }
     this.seconds += this.h;
     this.failures = held ? this.failures + 1 : 0;
     if (this.failures <= PATIENCE) return;
@@ -100,24 +101,29 @@ export class Local {
   frame() {
     this.number += 1;
     const idle = { milliseconds: 0, iterations: 0, evaluations: 0, outcome: 0 };
-    const spaces = this.shown.map(({ features, novelty }, i) => {
-      return { ...(this.records[i] ?? idle), q: Float32Array.from(features), troubled: 0, novelty, distance: NaN, error: NaN };
+    const spaces = this.names.map((name) => {
+      const { features, novelty } = this.solids[name];
+      return { ...(this.records[name] ?? idle), q: Float32Array.from(features), troubled: 0, novelty, distance: NaN, error: NaN };
     });
     const grabs = Array.from(this.pulls, ([id, { target, grabs }]) => {
-      return { id, target, centroids: grabs.flatMap((grab, i) => this.shown[i].centroid(grab)) };
+      return { id, target, centroids: this.names.flatMap((name) => this.solids[name].centroid(grabs[name])) };
     });
     return { number: this.number, seconds: this.seconds, share: this.share, paused: this.look.paused, spaces, grabs };
   }
 
   // What the page says, one method a message
 
-  /** Takes hold around `point`, at rest; a pinned part is not held, and nothing is pulled. */
+  /** What a function makes of every solid, by the name of its space. */
+  each = (made) => Object.fromEntries(Object.entries(this.solids).map(([name, solid]) => [name, made(solid, name)]));
+
+  /** Takes hold around `point`, at rest, in every space; a pinned part is not held, and nothing is pulled. */
   grab({ id, point, target }) {
     const { radius, stiffness } = this.pull, held = this.models.latent.held(point, radius);
+    if (!held.length) this.handlers.notice({ text: "this place is pinned and will not move; pull where the solid can give way" });
     if (!held.length || this.pulls.has(id) || this.pulls.size >= MOST) return;
     this.remember();
-    const grabs = this.shown.map((solid) => solid.grab(held, target, stiffness));
-    const grips = this.shown.map((solid, i) => solid.centroid(grabs[i]));
+    const grabs = this.each((solid) => solid.grab(held, target, stiffness));
+    const grips = this.each((solid, name) => solid.centroid(grabs[name]));
     this.pulls.set(id, { held, start: target, target, grabs, grips, aims: grips });
     this.move({ id, target });
   }
@@ -128,19 +134,19 @@ export class Local {
     if (!pull) return;
     pull.target = target;
     const way = minus(target, pull.start);
-    pull.aims = pull.grips.map((grip) => grip.map((x, i) => x + way[i]));
-    this.shown.forEach((solid, i) => solid.move(pull.grabs[i], pull.aims[i]));
+    pull.aims = this.each((_, name) => pull.grips[name].map((x, i) => x + way[i]));
+    this.each((solid, name) => solid.move(pull.grabs[name], pull.aims[name]));
   }
 
   release({ id }) {
     const pull = this.pulls.get(id);
     this.pulls.delete(id);
-    if (pull) this.shown.forEach((solid, i) => solid.release(pull.grabs[i]));
+    if (pull) this.each((solid, name) => solid.release(pull.grabs[name]));
   }
 
   /** Gravity and stiffness act from the next step on. */
   condition() {
-    for (const solid of this.shown) {
+    for (const solid of Object.values(this.solids)) {
       solid.setGravity(this.look.gravity);
       solid.setStiffness(this.look.stiffness);
     }
@@ -154,45 +160,32 @@ export class Local {
   reset() {
     this.remember();
     this.pulls.clear();
-    for (const solid of this.shown) solid.reset();
-    Object.assign(this, { records: [], failures: 0, owed: 0, seconds: 0 });
+    this.each((solid) => solid.reset());
+    Object.assign(this, { records: {}, failures: 0, owed: 0, seconds: 0 });
   }
 
   /** Keeps the present pose of every space, with the pulls, for an undo. */
   remember() {
-    const states = Object.entries(this.solids).map(([name, solid]) => [name, solid.save()]);
+    const states = this.each((solid) => solid.save());
     const pulls = Array.from(this.pulls, ([id, pull]) => [id, { ...pull }]);
-    this.poses.push({ states, pulls, names: this.names, seconds: this.seconds });
+    this.poses.push({ states, pulls, seconds: this.seconds });
     if (this.poses.length > POSES) this.poses.shift();
   }
 
-  /** Back to before the last pull or return to rest, in the spaces shown then. */
+  /** Back to before the last pull or return to rest. */
   undo() {
     const pose = this.poses.pop();
     if (!pose) {
       this.handlers.notice({ text: "nothing to undo: undo goes back to before the last pull or return to rest" });
       return;
     }
-    for (const [name, state] of pose.states) this.solids[name].restore(state);
-    Object.assign(this, { pulls: new Map(pose.pulls), seconds: pose.seconds, names: pose.names, records: [], failures: 0, owed: 0 });
-    this.shown = this.names.map((name) => this.solids[name]);
+    this.each((solid, name) => solid.restore(pose.states[name]));
+    Object.assign(this, { pulls: new Map(pose.pulls), seconds: pose.seconds, records: {}, failures: 0, owed: 0 });
     this.condition();
   }
 
-  /** Those that go on keep their pose; one that comes begins at rest, under the same pulls. */
+  /** Those that are seen. */
   spaces(names) {
-    const place = new Map(this.names?.map((name, i) => [name, i]));
-    const kept = (list, name, other) => (place.has(name) ? list[place.get(name)] : other());
-    this.records = names.map((name) => kept(this.records, name, () => undefined));
-    for (const name of names) if (!place.has(name)) this.solids[name].reset();
-    for (const pull of this.pulls.values()) {
-      const grabs = names.map((name) => kept(pull.grabs, name, () => this.solids[name].grab(pull.held, pull.target, this.pull.stiffness)));
-      pull.grips = names.map((name, i) => kept(pull.grips, name, () => this.solids[name].centroid(grabs[i])));
-      pull.grabs = grabs;
-    }
     this.names = names;
-    this.shown = names.map((name) => this.solids[name]);
-    for (const [id, { target }] of this.pulls) this.move({ id, target });
-    this.condition();
   }
 }
