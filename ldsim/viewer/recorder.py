@@ -75,7 +75,7 @@ class Recorder:
         self.player.add(path.stem, PlayedMotion(motion))
         self._files[path.stem] = path
         self._takes_changed([*self._files.values()])
-        return f"{path}: {self._frames} frames, {len(self._drags)} pulls"
+        return f"{path}: {self._frames} frames, {len(self._drags)} pull{'s' * (len(self._drags) != 1)}"
 
     def discard(self, take: str) -> None:
         """Forget a take, and delete its file where it was recorded here."""

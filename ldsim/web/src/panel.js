@@ -39,8 +39,8 @@ export class Panel {
     byId("replay").onclick = () => send("replay", { value: !this.status.player.playing });
     byId("motions").onchange = () => send("take", { value: byId("motions").value });
     byId("discard").onclick = () => send("discard", { value: this.status.player.chosen });
-    // What only a server computes is not offered where the page steps by itself.
-    if (solid.mode === "local") for (const element of document.querySelectorAll("[data-served]")) element.remove();
+    // Not every page can do everything: where it steps by itself, or records, some of it is not offered.
+    for (const element of document.querySelectorAll(`[data-not~=${solid.mode}]`)) element.remove();
     this.makeTilt();
     addEventListener("keydown", (event) => this.key(event));
   }

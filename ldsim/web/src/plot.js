@@ -6,7 +6,7 @@ import { digits, draw, make } from "./dom.js";
 const WIDTH = 374, UNIT = 72; // of a drawing; its height is told in units
 const DRAG = 5; // that make a press a drag
 const NARROWEST = 1e-4; // of the whole range
-const LETTER = 5.5; // its width on average
+const LETTER = 5.5; // its width on average, in the widest of usual fonts
 const KEYS = "Left and right read a curve, up and down change it, plus and minus zoom, zero shows the whole range.";
 const SHAPES = {
   circle: "M-1 0a1 1 0 1 0 2 0a1 1 0 1 0-2 0",
@@ -168,7 +168,8 @@ export class Plot {
       return points.map(([a, b]) => [X.place(a) - 4, Y.place(b) - 4, X.place(a) + 4, Y.place(b) + 4]);
     });
     for (const series of this.series) this.drawSeries(series, put(inside, "g", tone(series)));
-    for (const guide of data.guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, put(inside, "g", tone(guide)));
+    const guides = data.guides.toSorted((a, b) => (b.axis === "x") - (a.axis === "x")); // level ones find a place beside upright ones
+    for (const guide of guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, put(inside, "g", tone(guide)));
     this.choice = put(svg, "rect", { class: "choice", style: "display: none" });
     this.dot = put(svg, "circle", { class: "dot", r: 4 });
     this.whole.hidden = !x.zoomed && !y.zoomed;
@@ -197,7 +198,7 @@ export class Plot {
   /** Of some boxes (left, top, right, bottom) for a text, the number of the first that nothing lies in, or else the first. */
   free(boxes) {
     const apart = (a, b) => a[2] < b[0] || b[2] < a[0] || a[3] < b[1] || b[3] < a[1];
-    const inside = ([left, top, right, base]) => left >= this.x.from && right <= this.x.to && top > this.y.to - 10 && base < this.y.from;
+    const inside = ([left, top, right, base]) => left >= this.x.from && right <= this.x.to && top >= this.y.to - 1 && base < this.y.from;
     const found = Math.max(boxes.findIndex((box) => inside(box) && this.taken.every((other) => apart(box, other))), 0);
     this.taken.push(boxes[found]);
     return found;
@@ -207,16 +208,17 @@ export class Plot {
     const { x, y } = this, place = this[axis].place(at), upright = axis === "x";
     group.setAttribute("class", words("guide", upright && "upright"));
     put(group, "path", { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
-    const long = 0.85 * LETTER * text.length;
+    const long = LETTER * text.length;
     if (upright) {
       const sides = [place - 3, place + 9], i = this.free(sides.map((side) => [side - 8, y.to, side + 1, y.to + long]));
       put(group, "text", { class: "y", transform: `translate(${sides[i]} ${y.to + 2}) rotate(-90)` }, text);
       return;
     }
-    const ends = [[x.to - 3 - long, place - 3], [x.from + 4, place - 3], [x.to - 3 - long, place + 9], [x.from + 4, place + 9]];
+    const ends = [[x.to - 3 - long, place - 3], [x.to - 32 - long, place - 3], [x.from + 4, place - 3], [x.to - 3 - long, place + 9], [x.from + 4, place + 9]];
     if (atStart) ends.reverse();
     const [left, base] = ends[this.free(ends.map(([from, under]) => [from, under - 8, from + long, under + 1]))];
-    put(group, "text", { x: left, y: base }, text);
+    const last = left + long > x.to - 4; // at the right end, whatever the font
+    put(group, "text", { x: last ? x.to - 3 : left, y: base, ...(last && { style: "text-anchor: end" }) }, text);
   }
 
   drawSeries(series, group) {
@@ -226,7 +228,7 @@ export class Plot {
     if (series.kind !== "marks") putLine(group, series, `M${places.join("L")}`);
     for (const place of marked) putMark(group, series, line ? 2.2 : 3.6, `translate(${place})`);
     for (const [i, label] of series.labels.entries()) {
-      const [a, b] = [x.place(series.x[i]), y.place(series.y[i])], long = 0.85 * LETTER * label.length;
+      const [a, b] = [x.place(series.x[i]), y.place(series.y[i])], long = LETTER * label.length;
       const sides = [[a + 7, b - 4], [a + 7, b + 10], [a - 7 - long, b - 4], [a - 7 - long, b + 10], [a - long / 2, b - 8], [a - long / 2, b + 15]];
       const [left, base] = sides[this.free(sides.map(([from, under]) => [from, under - 8, from + long, under + 1]))];
       put(group, "text", { class: "label", x: left, y: base }, label);

@@ -122,6 +122,7 @@ export class Stage {
     const middle = (spaces.length - 1) / 2;
     this.shapes = spaces.map((space, i) => new Shape(this, space, this.right.map((x) => (i - middle) * this.aside * x)));
     this.grabs = []; // those of the next frame fit the spaces
+    byId("labels").style.setProperty("--shown", spaces.length);
     byId("labels").replaceChildren(...(spaces.length > 1 ? this.shapes.map(({ label }) => label) : []));
     this.camera.frame(this.centre, 1.1 * this.diagonal, middle * this.aside);
   }
