@@ -59,12 +59,13 @@ def slaving_error(compliance: Compliance, frames: Iterable[tuple[Array, Loads]])
 def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float] | None:
     """Mean distance and mean displacement, metres, of one frame; None where it has no equilibrium."""
     try:
-        found = compliance.relaxation.from_pose(u).u + compliance.sag(loads.gravity)
+        relaxed = compliance.relaxation.from_pose(u).u
     except SolverError:
         return None
+    found = relaxed + compliance.sag(loads.gravity)
     for grab in loads.grabs:
         centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
-        found += compliance.moved(grab.vertices, u, grab.stiffness * (grab.target - centre))
+        found += compliance.moved(grab.vertices, relaxed, grab.stiffness * (grab.target - centre))
     return float(np.linalg.norm(found - u, axis=1).mean()), float(np.linalg.norm(u, axis=1).mean())
 
 

@@ -1098,8 +1098,8 @@ typedef struct {
     double *B, *lifted;  /* (3, m) and (3, moved): how features and moved pins move the centroid */
     double *load, *field; /* of a condensed model: what anchors get of a force, (a,), and a unit force moves, (3, a, 3) */
     double reach;         /* a bound of the mass-weighted norm of that field */
-    /* and of a condensed model how the cells around it have turned: R, row by row, is the rotation of shape + turn f */
-    double rotation[9], shape[9], *turn; /* turn: (9, m) */
+    /* and of a condensed model how the cells around it have turned and stretched: A = R U^1/2 of R U = I + gradient f */
+    double warp[9], *gradient; /* A row by row; gradient: (9, m) */
 } grab;
 
 struct ldsim_solid {
@@ -1113,7 +1113,7 @@ struct ldsim_solid {
     grab grabs[LDSIM_MAX_GRABS];
     /* compliance[i][j]: what a unit force on grab j moves the centroid of grab i, (3, 3), of a condensed model */
     double *compliance;
-    int renewed_springs; /* whether the springs below are those of the grabs, and turned as the solid is now */
+    int renewed_springs; /* whether the springs below are those of the grabs, and warped as the solid is now */
     /* what a step reads: g springs in the order in which they were taken */
     int g, order[LDSIM_MAX_GRABS];
     double *B, *centre, *target, *stiffness, *root;
@@ -1524,10 +1524,10 @@ static void find_field(ldsim_solid *S, int i)
 
 /* ---- Grabs ----------------------------------------------------------------------------------------------------------- */
 
-/* R'x of a rotation R, row by row. */
-static void turn_back(const double *R, const double *x, double *turned)
+/* A'x of A, row by row. */
+static void warp_back(const double *A, const double *x, double *warped)
 {
-    for (int i = 0; i < 3; i++) turned[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
+    for (int i = 0; i < 3; i++) warped[i] = A[i] * x[0] + A[3 + i] * x[1] + A[6 + i] * x[2];
 }
 
 /* u (3,) of one vertex at some moment, with what grabs pull it by then, (max_grabs, 3). */
@@ -1549,14 +1549,14 @@ static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, 
     for (int g = 0; g < S->max_grabs; g++) {
         if (!S->grabs[g].id) continue;
         double pull[3], moved[3] = {0.0, 0.0, 0.0};
-        turn_back(S->grabs[g].rotation, pulls + 3 * g, pull);
+        warp_back(S->grabs[g].warp, pulls + 3 * g, pull);
         for (uint32_t i = 0; i < M->n.nearest; i++) {
             const size_t place = (size_t)v * M->n.nearest + i;
             const double *field = S->grabs[g].field + 3 * (size_t)M->near[place];
             for (int axis = 0; axis < 3; axis++, field++)
                 moved[axis] += M->share[place] * (field[0] * pull[0] + field[size] * pull[1] + field[2 * size] * pull[2]);
         }
-        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(S->grabs[g].rotation + 3 * axis, moved);
+        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(S->grabs[g].warp + 3 * axis, moved);
     }
     for (int axis = 0; axis < 3; axis++) u[axis] += slack[axis] / S->scale;
 }
@@ -1566,15 +1566,14 @@ static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
     displacement_at(S, v, &S->now, S->pulls, u);
 }
 
-/* How the cells at the held vertices have turned: the sum of y_v d_v' over their vertices, with the places y and the arms
- * d, from the middle of each cell at rest to its vertices; it is shape + turn f. */
-static void find_arms(ldsim_solid *S, grab *g)
+/* The deformation gradient around the held vertices, by least squares: with the arms d of a cell, from its middle at rest to
+ * its vertices, and their places y, the sum of y_v d_v' over the cells times the inverse of that at rest; I + gradient f. */
+static void find_gradient(ldsim_solid *S, grab *g)
 {
     const ldsim_model *M = S->model;
     const int corners = (int)M->n.corners, m = M->m;
-    double *arms = S->arms, *touched = S->touched;
-    zero(arms, 3 * (size_t)M->n.vertices), zero(touched, M->n.vertices);
-    zero(g->shape, 9), zero(g->turn, 9 * (size_t)m);
+    double *arms = S->arms, *touched = S->touched, shape[9] = {0.0}, inverse[9];
+    zero(arms, 3 * (size_t)M->n.vertices), zero(touched, M->n.vertices), zero(g->gradient, 9 * (size_t)m);
     for (uint32_t i = 0; i < g->count; i++) touched[g->vertices[i]] = 1.0;
     for (uint32_t c = 0; c < M->n.cells; c++) {
         const uint32_t *cell = M->cell + (size_t)c * corners;
@@ -1586,17 +1585,20 @@ static void find_arms(ldsim_solid *S, grab *g)
             for (int i = 0; i < corners; i++) arms[3 * (size_t)cell[i] + axis] += M->rest[3 * (size_t)cell[i] + axis] - middle;
         }
     }
+    for (size_t v = 0; v < M->n.vertices; v++)
+        for (int e = 0; e < 9; e++) shape[e] += M->rest[3 * v + (size_t)(e / 3)] * arms[3 * v + (size_t)(e % 3)];
+    if (!invert(shape, inverse, 3)) return; /* flat cells: as if they did not stretch */
     for (size_t v = 0; v < M->n.vertices; v++) {
-        const double *d = arms + 3 * v;
-        if (d[0] == 0.0 && d[1] == 0.0 && d[2] == 0.0) continue;
+        const double *arm = arms + 3 * v;
+        if (arm[0] == 0.0 && arm[1] == 0.0 && arm[2] == 0.0) continue;
+        const double d[3] = {dot3(inverse, arm), dot3(inverse + 3, arm), dot3(inverse + 6, arm)};
         for (int e = 0; e < 9; e++) {
             const size_t row = 3 * v + (size_t)(e / 3);
-            double *turn = g->turn + (size_t)e * m;
-            g->shape[e] += M->rest[row] * d[e % 3];
+            double *gradient = g->gradient + (size_t)e * m;
             if (M->basis64)
-                for (int j = 0; j < m; j++) turn[j] += M->basis64[row * m + j] * d[e % 3];
+                for (int j = 0; j < m; j++) gradient[j] += M->basis64[row * m + j] * d[e % 3];
             else
-                for (int j = 0; j < m; j++) turn[j] += M->basis32[row * m + j] * d[e % 3];
+                for (int j = 0; j < m; j++) gradient[j] += M->basis32[row * m + j] * d[e % 3];
         }
     }
 }
@@ -1626,7 +1628,7 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
         for (size_t j = (size_t)vertices[i] * M->n.nearest, stop = j + M->n.nearest; j < stop; j++)
             g->load[M->near[j]] += share * M->share[j];
     }
-    if (M->anchors) find_field(S, place), find_arms(S, g);
+    if (M->anchors) find_field(S, place), find_gradient(S, g);
 }
 
 /* The grabs in the order in which they were taken. */
@@ -1641,28 +1643,34 @@ static void order_grabs(ldsim_solid *S)
     }
 }
 
-static void turn_grab(grab *g, const double *f, int m)
+#define LEAST_STRETCH 0.25 /* what is pressed flat does not get ever stiffer */
+
+static void warp_grab(grab *g, const double *f, int m)
 {
-    double A[9], U[9], sigma[3], V[9];
-    for (int e = 0; e < 9; e++) A[e] = g->shape[e] + dot(g->turn + (size_t)e * m, f, m);
-    signed_svd(A, U, sigma, V);
-    for (int e = 0; e < 9; e++) g->rotation[e] = dot3(U + 3 * (e / 3), V + 3 * (e % 3));
+    double F[9], U[9], sigma[3], V[9];
+    for (int e = 0; e < 9; e++) F[e] = (e % 4 == 0) + dot(g->gradient + (size_t)e * m, f, m);
+    signed_svd(F, U, sigma, V);
+    for (int i = 0; i < 3; i++) sigma[i] = sqrt(sigma[i] > LEAST_STRETCH ? sigma[i] : LEAST_STRETCH);
+    for (int e = 0; e < 9; e++) {
+        const double *left = U + 3 * (e / 3), *right = V + 3 * (e % 3);
+        g->warp[e] = left[0] * sigma[0] * right[0] + left[1] * sigma[1] * right[1] + left[2] * sigma[2] * right[2];
+    }
 }
 
-/* block (3, 3) = R_p C R_q', with C what a force on grab q moves grab p by at rest, of both ways round the mean. */
-static void turned_pair(const ldsim_solid *S, int p, int q, double *block)
+/* block (3, 3) = A_p C A_q', with C what a force on grab q moves grab p by at rest, of both ways round the mean. */
+static void warped_pair(const ldsim_solid *S, int p, int q, double *block)
 {
-    const double *there = pair_of(S, p, q), *back = pair_of(S, q, p), *R = S->grabs[q].rotation;
+    const double *there = pair_of(S, p, q), *back = pair_of(S, q, p), *A = S->grabs[q].warp;
     double half[9];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             half[3 * i + j] = 0.0;
-            for (int k = 0; k < 3; k++) half[3 * i + j] += 0.5 * (there[3 * i + k] + back[3 * k + i]) * R[3 * j + k];
+            for (int k = 0; k < 3; k++) half[3 * i + j] += 0.5 * (there[3 * i + k] + back[3 * k + i]) * A[3 * j + k];
         }
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             block[3 * i + j] = 0.0;
-            for (int k = 0; k < 3; k++) block[3 * i + j] += S->grabs[p].rotation[3 * i + k] * half[3 * k + j];
+            for (int k = 0; k < 3; k++) block[3 * i + j] += S->grabs[p].warp[3 * i + k] * half[3 * k + j];
         }
 }
 
@@ -1677,7 +1685,7 @@ static void aim_springs(ldsim_solid *S)
 }
 
 /* The springs that a step reads, where the features are f. Those of a condensed model are in series with its compliance,
- * which turns with the solid: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + R B C B'R')^-1 = L L'. It is
+ * which warps with the solid: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + A B C B'A')^-1 = L L'. It is
  * 1/2 |L' p|^2, that is springs of unit stiffness on L'B. */
 static void make_springs(ldsim_solid *S, const double *f)
 {
@@ -1689,11 +1697,11 @@ static void make_springs(ldsim_solid *S, const double *f)
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
     if (M->anchors && S->g) {
         double block[9];
-        for (int i = 0; i < S->g; i++) turn_grab(S->grabs + S->order[i], f, m);
+        for (int i = 0; i < S->g; i++) warp_grab(S->grabs + S->order[i], f, m);
         for (int i = 0; i < S->g; i++)
             for (int j = 0; j < S->g; j++) {
                 const double soft = i == j ? 1.0 / S->grabs[S->order[i]].stiffness : 0.0;
-                turned_pair(S, S->order[i], S->order[j], block);
+                warped_pair(S, S->order[i], S->order[j], block);
                 for (int e = 0; e < 9; e++)
                     S->joint[(3 * i + e / 3) * rows + 3 * j + e % 3] = block[e] / S->scale + (e % 4 == 0) * soft;
             }
@@ -1827,10 +1835,10 @@ int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
     double slack[3] = {0.0, 0.0, 0.0}, pull[3];
     for (int j = 0; M->anchors && j < S->max_grabs; j++) {
         if (!S->grabs[j].id) continue;
-        const double *there = pair_of(S, (int)(g - S->grabs), j), *R = S->grabs[j].rotation;
-        turn_back(R, S->pulls + 3 * j, pull);
+        const double *there = pair_of(S, (int)(g - S->grabs), j), *A = S->grabs[j].warp;
+        warp_back(A, S->pulls + 3 * j, pull);
         const double moved[3] = {dot3(there, pull), dot3(there + 3, pull), dot3(there + 6, pull)};
-        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(R + 3 * axis, moved);
+        for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(A + 3 * axis, moved);
     }
     for (int axis = 0; axis < 3; axis++) {
         centroid[axis] = g->centre[axis] + dot(g->B + axis * M->m, S->now.f, M->m);
@@ -2094,7 +2102,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
         grab *g = S->grabs + i;
         g->vertices = (uint32_t *)(void *)cut(at, &total, (n + 1) / 2);
         g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->load = cut(at, &total, a);
-        g->field = cut(at, &total, 9 * a), g->turn = cut(at, &total, a ? 9 * m : 0);
+        g->field = cut(at, &total, 9 * a), g->gradient = cut(at, &total, a ? 9 * m : 0);
     }
     S->compliance = cut(at, &total, a ? 9 * most * most : 0);
     S->pulls = cut(at, &total, rows), S->tried = cut(at, &total, rows);
@@ -2313,6 +2321,6 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
         copy(g->target, head.grabs[j].target, 3), copy(S->pulls + 3 * (g - S->grabs), head.grabs[j].pull, 3);
         g->stiffness = head.grabs[j].stiffness;
     }
-    if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the rotations */
+    if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the warps */
     return LDSIM_OK;
 }

@@ -2,7 +2,8 @@
 
 To first order a solid whose r coordinates z are held moves by C f under a force f, C = K⁻¹ − T W K⁻¹ at rest. A spring
 that pulls at the centroid of some vertices therefore acts in series with C, and what is drawn gains the field of C,
-which is local: a dimple where the solid is touched. Where the solid has turned, C has turned with it.
+which is local: a dimple where the solid is touched. Where the solid has turned, C has turned with it, and along what
+is stretched it is softer (`warp`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from ldsim.space.relaxation import Relaxation
 
 # Grabs whose fields are kept, nine numbers a vertex each.
 REMEMBERED = 64
+# What is pressed flat does not get ever stiffer.
+LEAST_STRETCH = 0.25
 
 
 class Compliance:
@@ -79,9 +82,9 @@ class Compliance:
         return self._known[key]
 
     def moved(self, vertices: Indices, u: Array, force: Array) -> Array:
-        """What a force on the centroid of some vertices moves in a solid displaced by u, (n, 3) metres."""
-        R = polar((self.scene.mesh.vertices + u).T @ self.arms(vertices))[0]
-        field: Array = self.of_grab(vertices) @ (force @ R) @ R.T
+        """What a force on the centroid of some vertices moves, (n, 3) metres, where the coordinates alone give u."""
+        A = warp((self.scene.mesh.vertices + u).T @ self.arms(vertices))
+        field: Array = self.of_grab(vertices) @ (force @ A) @ A.T
         return field
 
     def sag(self, gravity: Array | None = None) -> Array:
@@ -100,14 +103,26 @@ class Compliance:
         return np.asarray(0.5 * (moved + moved.T))
 
     def arms(self, vertices: Indices) -> Array:
-        """d, (n, 3) metres: from the middle of each cell at some vertices to each of its own vertices, summed up.
+        """d, (n, 3) 1/m: with the places y of vertices, Σ y_v ⊗ d_v is F around some vertices, by least squares.
 
-        With the places y of vertices, Σ y_v ⊗ d_v is what their best rotation from rest is the polar factor of
-        (Kabsch 1976); the middles fall out, for the arms of a cell add up to nothing.
+        That is the F whose image of the arms, from the middle of each cell at these vertices to each of its own, is
+        nearest to what they are now; the middles fall out, for the arms of a cell add up to nothing.
         """
         mesh = self.scene.mesh
         near = mesh.cells[np.isin(mesh.cells, vertices).any(axis=1)]
         places = mesh.vertices[near]
         arms = np.zeros_like(mesh.vertices)
         np.add.at(arms, near, places - places.mean(axis=1, keepdims=True))
-        return arms
+        return arms @ np.linalg.inv(mesh.vertices.T @ arms)
+
+
+def warp(F: Array) -> Array:
+    """A, (3, 3), of a deformation gradient F = R U: C ≈ A C₀ Aᵀ with A = R U^½, U at least `LEAST_STRETCH`.
+
+    A bar that is stretched by λ gives way to a further pull λ² times as much as at rest, were its material linear and
+    its cross-section what it was; materials that stiffen take about half of that back. U^½ was best of U^¼ … U on
+    pulls of a soft block and a blob: half the error of R alone (docs/notebook/2026-11-23-condensed.md).
+    """
+    R, U = polar(F)
+    stretches, axes = np.linalg.eigh(U)
+    return np.asarray(R @ (axes * np.sqrt(np.maximum(stretches, LEAST_STRETCH))) @ axes.T)

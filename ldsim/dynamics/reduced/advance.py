@@ -16,7 +16,7 @@ from ldsim.arrays import Array
 from ldsim.dynamics.reduced.minimiser import Exchange, Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
 from ldsim.dynamics.reduced.state import fields
-from ldsim.dynamics.reduced.turned import InSeries, turn_springs
+from ldsim.dynamics.reduced.warped import InSeries, warp_springs
 from ldsim.jit import njit
 
 
@@ -49,11 +49,11 @@ def step_reference(
 
 
 @njit(cache=True, nogil=True)
-def turn(reference: StepReference, q: Array) -> None:
-    """Turn the springs of a condensed space as it is turned at coordinates q, (k,)."""
+def warp(reference: StepReference, q: Array) -> None:
+    """Warp the springs of a condensed space as it is at coordinates q, (k,)."""
     _, springs, _, _, series = reference.content
     if len(series.softness) > 0:
-        turn_springs(series, q, springs)
+        warp_springs(series, q, springs)
 
 
 @njit(cache=True, nogil=True)
@@ -76,7 +76,7 @@ def advance(
     z, z_previous, guess, q, q_previous, H, differences, released = fields(state, r, k)
     z_new, z_before, guess_new, q_new, q_before, H_new, differences_new, held = fields(new, r, k)
     if len(series.softness) > 0:
-        turn_springs(series, q, springs)
+        warp_springs(series, q, springs)
     z_new[:] = z
     H_new[:] = H
     predictor = q_new  # read as q̂ while the step runs; φ(z) takes its place afterwards

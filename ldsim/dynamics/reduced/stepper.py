@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import strain_maps
-from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference, turn
+from ldsim.dynamics.reduced.advance import StepReference, advance, step_reference, warp
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.turned import InSeries
+from ldsim.dynamics.reduced.warped import InSeries
 from ldsim.errors import MotionError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -187,12 +187,12 @@ class ReducedStepper:
             return u
         bench = self._bench()
         bench.grab(loads.grabs, loads.gravity)
-        turn(bench.reference, q)
+        warp(bench.reference, q)
         # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
         stretch = bench.springs.target - bench.springs.centre - bench.springs.B @ q
         forces = (bench.series.pull @ stretch.ravel()).reshape(-1, 3)
-        for grab, force, R in zip(loads.grabs, forces, bench.series.rotations, strict=True):
-            u += compliance.of_grab(grab.vertices) @ (force @ R) @ R.T
+        for grab, force, A in zip(loads.grabs, forces, bench.series.warps, strict=True):
+            u += compliance.of_grab(grab.vertices) @ (force @ A) @ A.T
         return u
 
     def coordinates(self, state: ReducedState) -> Array:
@@ -224,7 +224,7 @@ class ReducedStepper:
         """What the kernels of `reduced.potential` read under some loads: model, springs, scratch memory."""
         bench = self._bench()
         bench.grab(loads.grabs, loads.gravity)
-        turn(bench.reference, np.zeros(self._dimensions[1]))
+        warp(bench.reference, np.zeros(self._dimensions[1]))
         self._base_force(loads.gravity, bench)
         return bench.model, bench.springs, bench.work
 
