@@ -1099,7 +1099,7 @@ typedef struct {
     double *load, *field; /* of a condensed model: what anchors get of a force, (a,), and a unit force moves, (3, a, 3) */
     double reach;         /* a bound of the mass-weighted norm of that field */
     /* and of a condensed model how the cells around it have turned and stretched: A = R U^1/2 of R U = I + gradient f */
-    double warp[9], *gradient; /* A row by row; gradient: (9, m) */
+    double warp[9], inverse[9], *gradient; /* A and the inverse of R U, row by row; gradient: (9, m) */
 } grab;
 
 struct ldsim_solid {
@@ -1650,10 +1650,13 @@ static void warp_grab(grab *g, const double *f, int m)
     double F[9], U[9], sigma[3], V[9];
     for (int e = 0; e < 9; e++) F[e] = (e % 4 == 0) + dot(g->gradient + (size_t)e * m, f, m);
     signed_svd(F, U, sigma, V);
-    for (int i = 0; i < 3; i++) sigma[i] = sqrt(sigma[i] > LEAST_STRETCH ? sigma[i] : LEAST_STRETCH);
-    for (int e = 0; e < 9; e++) {
-        const double *left = U + 3 * (e / 3), *right = V + 3 * (e % 3);
-        g->warp[e] = left[0] * sigma[0] * right[0] + left[1] * sigma[1] * right[1] + left[2] * sigma[2] * right[2];
+    for (int e = 0; e < 9; e++) g->warp[e] = g->inverse[e] = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const double stretch = sigma[i] > LEAST_STRETCH ? sigma[i] : LEAST_STRETCH;
+        for (int e = 0; e < 9; e++) {
+            g->warp[e] += U[3 * (e / 3) + i] * sqrt(stretch) * V[3 * (e % 3) + i];
+            g->inverse[e] += V[3 * (e / 3) + i] / stretch * U[3 * (e % 3) + i];
+        }
     }
 }
 
@@ -1674,30 +1677,84 @@ static void warped_pair(const ldsim_solid *S, int p, int q, double *block)
         }
 }
 
-static void aim_springs(ldsim_solid *S)
+/* Of the way p from each centroid to its target, what is not the stretch of its spring: the dent p - Q p / k. */
+static void find_dents(ldsim_solid *S, const double *f, const double *centre, const double *B, double *dents)
 {
-    const int rows = 3 * S->g, condensed = S->model->anchors;
+    const int rows = 3 * S->g, m = S->model->m;
+    double way[3 * LDSIM_MAX_GRABS];
+    for (int i = 0; i < rows; i++)
+        way[i] = S->grabs[S->order[i / 3]].target[i % 3] - centre[i] - dot(B + (size_t)i * m, f, m);
     for (int i = 0; i < rows; i++) {
-        S->target[i] = condensed ? 0.0 : S->grabs[S->order[i / 3]].target[i % 3];
-        for (int j = i; condensed && j < rows; j++)
-            S->target[i] += S->root[j * rows + i] * S->grabs[S->order[j / 3]].target[j % 3];
+        dents[i] = 0.0;
+        for (int j = i; j < rows; j++) dents[i] += S->root[j * rows + i] * way[j];
+    }
+    for (int i = rows - 1; i >= 0; i--) { /* row i of L has nothing after i, so what was read may be written */
+        double force = 0.0;
+        for (int j = 0; j <= i; j++) force += S->root[i * rows + j] * dents[j];
+        dents[i] = way[i] - force / S->grabs[S->order[i / 3]].stiffness;
     }
 }
 
-/* The springs that a step reads, where the features are f. Those of a condensed model are in series with its compliance,
- * which warps with the solid: their energy 1/2 p' Q p couples all, Q = (diag(1/k) + A B C B'A')^-1 = L L'. It is
+/* The spring holds the solid by the end of the dent x = A d that it makes, and A d moves with f as well, by
+ * H = d(A d)/df at fixed d: a lever on which the force turns and stretches the solid. With L_j = dF/df_j F^-1, to first order
+ * in the stretch, dA/df_j = (skew L_j + 1/2 sym L_j) A, so H_j = (3/4 L_j - 1/4 L_j') x. Adds H to B, and takes H f off. */
+static void add_lever(const grab *g, const double *f, int m, const double *x, double *centre, double *B, double *lever)
+{
+    const double y[3] = {dot3(g->inverse, x), dot3(g->inverse + 3, x), dot3(g->inverse + 6, x)};
+    for (int i = 0; i < 3; i++) {
+        zero(lever, m);
+        for (int e = 0; e < 9; e++) {
+            const double share = (e / 3 == i ? 0.75 * y[e % 3] : 0.0) - 0.25 * g->inverse[3 * (e % 3) + i] * x[e / 3];
+            const double *gradient = g->gradient + (size_t)e * m;
+            for (int j = 0; j < m; j++) lever[j] += share * gradient[j];
+        }
+        for (int j = 0; j < m; j++) B[(size_t)i * m + j] += lever[j];
+        centre[i] -= dot(lever, f, m);
+    }
+}
+
+/* The springs that a step reads, where the features are f, with the targets as they are by now. Those of a condensed model
+ * are in series with its compliance, which warps with the solid: their energy 1/2 p' Q p couples all, Q = L L'. It is
  * 1/2 |L' p|^2, that is springs of unit stiffness on L'B. */
+static void aim_springs(ldsim_solid *S, const double *f)
+{
+    const ldsim_model *M = S->model;
+    const int m = M->m, rows = 3 * S->g, condensed = M->anchors > 0;
+    double *centre = condensed ? S->joint : S->centre, *B = condensed ? S->inverse : S->B;
+    for (int i = 0; i < rows; i++) {
+        const grab *g = S->grabs + S->order[i / 3];
+        const double *sag = g->sag + 4 * (i % 3);
+        centre[i] = g->centre[i % 3] + (condensed ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
+        copy(B + (size_t)i * m, g->B + (i % 3) * m, m);
+        S->target[i] = condensed ? 0.0 : g->target[i % 3];
+    }
+    if (!condensed) return;
+    double dents[3 * LDSIM_MAX_GRABS];
+    find_dents(S, f, centre, B, dents);
+    for (int i = 0; i < S->g; i++)
+        add_lever(S->grabs + S->order[i], f, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
+    for (int i = 0; i < rows; i++) {
+        S->centre[i] = 0.0;
+        zero(S->B + (size_t)i * m, m);
+        for (int j = i; j < rows; j++) {
+            const double share = S->root[j * rows + i];
+            S->target[i] += share * S->grabs[S->order[j / 3]].target[j % 3];
+            S->centre[i] += share * centre[j];
+            for (int e = 0; e < m; e++) S->B[(size_t)i * m + e] += share * B[(size_t)j * m + e];
+        }
+    }
+}
+
+/* All springs where the features are f: of a condensed model, Q = (diag(1/k) + A B C B'A')^-1 = L L' first. */
 static void make_springs(ldsim_solid *S, const double *f)
 {
     const ldsim_model *M = S->model;
-    const int m = M->m;
     order_grabs(S);
     const int rows = 3 * S->g;
-    double *centre = S->joint, *B = S->inverse; /* free once Q is made */
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
     if (M->anchors && S->g) {
         double block[9];
-        for (int i = 0; i < S->g; i++) warp_grab(S->grabs + S->order[i], f, m);
+        for (int i = 0; i < S->g; i++) warp_grab(S->grabs + S->order[i], f, M->m);
         for (int i = 0; i < S->g; i++)
             for (int j = 0; j < S->g; j++) {
                 const double soft = i == j ? 1.0 / S->grabs[S->order[i]].stiffness : 0.0;
@@ -1708,24 +1765,7 @@ static void make_springs(ldsim_solid *S, const double *f)
         invert(S->joint, S->root, rows);
         cholesky(S->root, rows);
     }
-    for (int i = 0; i < rows; i++) {
-        const grab *g = S->grabs + S->order[i / 3];
-        const double *sag = g->sag + 4 * (i % 3);
-        centre[i] = g->centre[i % 3] + (M->anchors ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
-        copy(B + (size_t)i * m, g->B + (i % 3) * m, m);
-    }
-    copy(S->centre, centre, rows);
-    copy(S->B, B, (size_t)rows * m);
-    if (M->anchors)
-        for (int i = 0; i < rows; i++) {
-            S->centre[i] = 0.0;
-            zero(S->B + (size_t)i * m, m);
-            for (int j = i; j < rows; j++) {
-                S->centre[i] += S->root[j * rows + i] * centre[j];
-                for (int e = 0; e < m; e++) S->B[(size_t)i * m + e] += S->root[j * rows + i] * B[(size_t)j * m + e];
-            }
-        }
-    aim_springs(S);
+    aim_springs(S, f);
     S->renewed_springs = 1;
 }
 
@@ -1907,7 +1947,7 @@ static int out_of_bounds(ldsim_solid *S, const moment *at)
     find_pulls(S, at->f, pulls);
     for (int i = 0; i < 3; i++) beside += M->sag_reach[1 + i] * fabs(at->gravity[i]);
     for (int g = 0; g < S->max_grabs; g++)
-        if (S->grabs[g].id) beside += S->grabs[g].reach * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
+        if (S->grabs[g].id) beside += S->grabs[g].reach * dot(S->grabs[g].warp, S->grabs[g].warp, 9) * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
     if (within(M, norm + beside / S->scale)) return 0;
     if (S->g) make_springs(S, at->f), find_pulls(S, at->f, pulls), S->renewed_springs = 0;
     norm = 0.0;
@@ -2019,7 +2059,7 @@ static void take(ldsim_solid *S, moment *found)
 ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
 {
     const ldsim_model *M = S->model;
-    if (S->renewed_springs) aim_springs(S);
+    if (S->renewed_springs) aim_springs(S, S->now.f);
     moment *found = &S->first;
     solution last = try_step(S, &S->now, found);
     int iterations = last.iterations, evaluations = last.evaluations;

@@ -1,0 +1,93 @@
+"""Springs in series with a compliance that warps: of a solid that is stretched and turned, and the lever of a dent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldsim.arrays import Array
+from ldsim.dynamics.reduced.potential import Springs
+from ldsim.dynamics.reduced.warped import InSeries, warp_springs
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.script import rotations
+from ldsim.space.compliance import LEAST_STRETCH, warp
+from ldsim.space.space import Space
+from tests.runtime.problems import condensed
+
+TURN = rotations(np.array([1.0, 2.0, 2.0]) / 3, np.array([0.7]))[0]
+
+
+@pytest.fixture(scope="module")
+def space() -> Space:
+    return condensed()
+
+
+def held(space: Space, way: tuple[float, float, float]) -> Loads:
+    """A grab of the vertices at the far end, with its target that way from their centroid."""
+    x = space.scene.mesh.vertices
+    vertices = np.argsort(-x[:, 0])[:4]
+    return Loads((Grab(vertices, x[vertices].mean(axis=0) + way, 30.0),))
+
+
+def pulled_energy(space: Space, q: Array, loads: Loads) -> float:
+    """½ pᵀ (1/k + A C Aᵀ)⁻¹ p, with A of the deformation gradient at q."""
+    compliance, grab = space.compliance, loads.grabs[0]
+    assert compliance is not None
+    u = space.displacement(q)
+    A = warp((space.scene.mesh.vertices + u).T @ compliance.arms(grab.vertices))
+    C = compliance.between([grab.vertices])
+    centre = (space.scene.mesh.vertices + u + compliance.sag(loads.gravity))[grab.vertices].mean(axis=0)
+    p = grab.target - centre
+    return float(0.5 * p @ np.linalg.solve(np.eye(3) / grab.stiffness + A @ C @ A.T, p))
+
+
+def warped(space: Space, loads: Loads, q: Array) -> tuple[InSeries, Springs]:
+    """The springs of a step that begins at q."""
+    series = InSeries.of(space, loads.grabs, loads.gravity)
+    series.target[:] = loads.grabs[0].target
+    springs = Springs(np.zeros((1, 3, len(q))), np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1))
+    warp_springs(series, q, springs)
+    return series, springs
+
+
+def test_the_springs_of_a_step_pull_as_their_energy_says_whose_compliance_moves_with_the_solid(space: Space) -> None:
+    loads, q = held(space, (0.02, 0.03, -0.01)), np.zeros(space.decoder.k)
+    _, springs = warped(space, loads, q)
+    pull = -np.einsum("gaf,ga->f", springs.B, springs.target - springs.centre - springs.B @ q)
+    h = 1e-6
+    slope = [
+        (pulled_energy(space, h * e, loads) - pulled_energy(space, -h * e, loads)) / (2 * h) for e in np.eye(len(q))
+    ]
+    np.testing.assert_allclose(pull, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max())
+
+
+def test_what_the_spring_pulls_with_makes_the_dent(space: Space) -> None:
+    loads = held(space, (0.02, 0.03, -0.01))
+    series, _ = warped(space, loads, np.zeros(space.decoder.k))
+    assert space.compliance is not None
+    grab = loads.grabs[0]
+    force = grab.stiffness * (series.target - series.centre - series.dents)
+    np.testing.assert_allclose(series.dents, space.compliance.between([grab.vertices]) @ force, rtol=1e-9)
+
+
+def test_where_a_step_begins_the_lever_moves_nothing(space: Space) -> None:
+    q = 0.01 * np.random.default_rng(1).normal(size=space.decoder.k)
+    series, _ = warped(space, held(space, (0.02, 0.03, -0.01)), q)
+    assert np.abs(series.levers - series.B).max() > 1e-3 * np.abs(series.B).max()
+    np.testing.assert_allclose(series.base + series.levers @ q, series.centre + series.B @ q, atol=1e-15)
+
+
+@pytest.mark.parametrize("stretches", [(1.0, 1.0, 1.0), (1.3, 0.9, 0.8), (1.5, 1.2, LEAST_STRETCH / 3)])
+def test_what_is_stretched_gives_way_further_and_what_is_turned_turns(stretches: tuple[float, float, float]) -> None:
+    _, Q = np.linalg.eigh(TURN + TURN.T)
+    F = TURN @ (Q * stretches) @ Q.T
+    expected = TURN @ (Q * np.sqrt(np.maximum(stretches, LEAST_STRETCH))) @ Q.T
+    np.testing.assert_allclose(warp(F), expected, atol=1e-12)
+
+
+def test_the_deformation_gradient_at_a_grab_is_that_of_an_affine_map(space: Space) -> None:
+    compliance, x = space.compliance, space.scene.mesh.vertices
+    assert compliance is not None
+    F = TURN @ np.diag([1.2, 0.9, 1.1])
+    np.testing.assert_allclose((x @ F.T + [1.0, 2.0, 3.0]).T @ compliance.arms(np.array([5, 8])), F, atol=1e-12)
