@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, eigh, polar
+from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
 from ldsim.arrays import Array
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.potential import Springs
-from ldsim.dynamics.reduced.turned import InSeries, turn_springs
+from ldsim.dynamics.reduced.warped import InSeries, warp_springs
 from ldsim.errors import SolverError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -24,7 +24,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam as beam_mesh
 from ldsim.space.basis import Basis
-from ldsim.space.compliance import Compliance
+from ldsim.space.compliance import Compliance, warp
 from ldsim.space.relaxation import Relaxation, Relaxed
 from tests.helpers import derivative_order, order, scene, uniform_scene
 
@@ -162,11 +162,11 @@ def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(
     series, targets = InSeries.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
     series.target[:] = targets
     springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
-    turn_springs(series, q, springs)
+    warp_springs(series, q, springs)
     u = V.fields @ q
-    by_hand = [polar((x + u).T @ space.compliance.arms(each))[0] for each in held]
-    np.testing.assert_allclose(series.rotations, by_hand, atol=1e-9)
-    assert np.linalg.norm(series.rotations[0] - np.eye(3)) > 0.1
+    by_hand = [warp((x + u).T @ space.compliance.arms(each)) for each in held]
+    np.testing.assert_allclose(series.warps, by_hand, atol=1e-9)
+    assert np.linalg.norm(series.warps[0] - np.eye(3)) > 0.1
     turn = block_diag(*by_hand)
     flexible = np.eye(6) / 80.0 + turn @ space.compliance.between(held) @ turn.T
     stretch = targets - np.concatenate([(x + u)[each].mean(axis=0) for each in held])
