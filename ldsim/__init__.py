@@ -26,3 +26,8 @@ def __getattr__(name: str) -> Any:
     if name in HOMES:
         return getattr(importlib.import_module(HOMES[name]), name)
     raise AttributeError(f"module 'ldsim' has no attribute {name!r}; it has {', '.join(HOMES)}")
+
+
+def __dir__() -> list[str]:
+    """What a shell or a notebook completes."""
+    return ["__version__", *HOMES]

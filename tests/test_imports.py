@@ -144,3 +144,10 @@ def test_who_only_reads_a_configuration_needs_no_compiler() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "heavy:"
+
+
+def test_what_a_type_checker_is_told_is_there_and_completed() -> None:
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    told = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert told == set(ldsim.HOMES) and set(dir(ldsim)) == {"__version__", *told}
+    assert all(callable(getattr(ldsim, name)) for name in ldsim.HOMES)

@@ -9,13 +9,14 @@ from pathlib import Path
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.errors import ArtefactError
 from ldsim.report.schema import RunNumbers, check_report
+from ldsim.run import REDUCED
 
 PAGE, NUMBERS = Path("report") / "report.html", Path("report") / "report.json"
-COLUMNS = ("run", "state", "cells", "r", "error", "step", "changed")
+COLUMNS = ("run", "state", "cells", "verdict", "space", "error", "step", "changed")
 
 
 def listed(runs: Path) -> list[str]:
-    """A table of all runs in a folder, newest last; the error is the statement's, or that of the report's headline.
+    """A table of all runs in a folder, newest last: the verdict, and the numbers of the report's headline.
 
     Raises:
         ArtefactError: the folder has no run.
@@ -39,7 +40,8 @@ def told(folder: Path) -> list[str]:
     numbers = report_of(folder)
     if numbers is None:
         return [f"{folder}: {state(folder)}"]
-    lines = [] if numbers.statement is None else [numbers.statement.sentence]
+    lines = [f"{numbers.verdict.word}: {numbers.verdict.why}"]
+    lines += [] if numbers.statement is None else [numbers.statement.sentence]
     lines.append(
         f"{folder}: {state(folder)}, reported {numbers.created}; {numbers.mesh.cells} {numbers.mesh.cell_type} cells, "
         f"r {numbers.dims.r}, k {numbers.dims.k}"
@@ -114,14 +116,15 @@ def report_of(folder: Path) -> RunNumbers | None:
 def _row(folder: Path) -> tuple[str, ...]:
     numbers, changed = report_of(folder), datetime.fromtimestamp(_changed(folder), UTC).strftime("%Y-%m-%d %H:%M")
     if numbers is None:
-        return folder.name, state(folder), "", "", "", "", changed
-    run = numbers.headline_runs().get("latent")
-    error = run.online_error.relative if run and run.online_error else None
-    if numbers.statement is not None:
-        error = numbers.statement.latent.error
+        return folder.name, state(folder), "", "", "", "", "", changed
+    run = numbers.headline()
+    error = run.online_error if run else None
+    if numbers.statement is not None and numbers.space in REDUCED:
+        error = numbers.statement[numbers.space].error
     percent = "" if error is None else f"{100 * error:.2g} %"
     step = f"{1000 * run.median_step_ms:.2g} µs" if run and run.median_step_ms is not None else ""
-    return folder.name, state(folder), str(numbers.mesh.cells), str(numbers.dims.r), percent, step, changed
+    space = f"{'latent' if numbers.space == 'latent' else 'linear'} {run.dimension}" if run else ""
+    return folder.name, state(folder), str(numbers.mesh.cells), numbers.verdict.word, space, percent, step, changed
 
 
 def _changed(folder: Path) -> float:

@@ -72,6 +72,10 @@ class BatchedSimulator:
                 data = model_bytes(opened.space(space))
         return cls(NativeModel(local_library(), data), count, threads, max_grabs)
 
+    def __repr__(self) -> str:
+        threads = f"{len(self._bounds) - 1} thread{'s' * (self._pool is not None)}"
+        return f"<BatchedSimulator: {len(self)} solids of {self.model.info.r} numbers on {threads}>"
+
     def __len__(self) -> int:
         return len(self.solids)
 

@@ -115,9 +115,10 @@ class Simulator:
         self.reset()
 
     def __repr__(self) -> str:
-        count = f" of {len(self._stepper.coordinates(self._state))} numbers" if self.space.basis is not None else ""
+        count = f" of {self.space.r} numbers" if self.space.basis is not None else ""
         name = f"{self.space.name} space{count}, {self.scene.mesh.n_vertices:,} vertices"
-        return f"<Simulator: {name}, at {self.time:.4g} s with {len(self.held)} grabs>"
+        grabs = f"{len(self.held)} grab{'s' * (len(self.held) != 1)}"
+        return f"<Simulator: {name}, at {self.time:.4g} s with {grabs}>"
 
     def reset(self) -> None:
         """Back to rest, without grabs; gravity and material stay as they were set."""

@@ -28,17 +28,19 @@ def test_runs_are_listed_with_how_far_they_have_come(experiment: Experiment) -> 
     shutil.rmtree(runs / "half" / "report")
     (runs / "no run").mkdir()
     head, *rows = said("list", "--runs", str(runs))
-    assert head.split() == ["run", "state", "cells", "r", "error", "step", "changed"]
+    assert head.split() == ["run", "state", "cells", "verdict", "space", "error", "step", "changed"]
     found = {row.split()[0]: row for row in rows}
     assert set(found) == {"tiny", "half"}
-    assert "finished" in found["tiny"] and " % " in found["tiny"] and " µs " in found["tiny"]
+    verdict = json.loads((runs / "tiny" / "report" / "report.json").read_text("utf-8"))["verdict"]["word"]
+    assert all(word in found["tiny"] for word in ("finished", f" {verdict} ", " % ", " µs "))
     assert "done up to pca" in found["half"]
 
 
-def test_info_tells_the_statement_first_and_the_warnings(experiment: Experiment) -> None:
+def test_info_tells_the_verdict_first_the_statement_and_the_warnings(experiment: Experiment) -> None:
     lines = said("info", str(experiment.run))
     report = json.loads((experiment.run / "report" / "report.json").read_text("utf-8"))
-    assert lines[0] == report["statement"]["sentence"]
+    assert lines[0] == f"{report['verdict']['word']}: {report['verdict']['why']}"
+    assert lines[1] == report["statement"]["sentence"]
     assert [line for line in lines if "warning" in line] == [f"  warning: {text}" for text in report["warnings"]]
     assert lines[-1].strip() == str((experiment.run / "report" / "report.html").resolve())
     assert sum(f"  {name} (" in line for line in lines for name in "ab") == 2

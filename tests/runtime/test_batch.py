@@ -26,6 +26,7 @@ def test_instances_step_to_the_last_bit_as_one_by_one(library: Library, threads:
     batch, alone = BatchedSimulator(model, 7, threads), [NativeSolid(model) for _ in targets]
     grabs = batch.grab(tip, targets, 50.0)
     batch.set_gravity(gravity)
+    assert repr(batch).startswith(f"<BatchedSimulator: 7 solids of {space.r} numbers on {threads} thread")
     assert batch.step(6).tolist() == [0] * 7
     batch.move(grabs, tip)
     batch.step(2)

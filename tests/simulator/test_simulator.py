@@ -240,8 +240,8 @@ def test_it_says_in_a_line_what_it_is() -> None:
     simulator.grab(TIP, TIP + UP)
     simulator.step(2)
     assert repr(simulator) == (
-        f"<Simulator: {simulator.space.name} space of 9 numbers, {BODY.mesh.n_vertices:,} vertices, "
-        f"at {2 * BODY.time_step:.4g} s with 1 grabs>"
+        f"<Simulator: {simulator.space.name} space of {simulator.space.decoder.r} numbers, "
+        f"{BODY.mesh.n_vertices:,} vertices, at {2 * BODY.time_step:.4g} s with 1 grab>"
     )
 
 
