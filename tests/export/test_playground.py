@@ -221,3 +221,37 @@ def test_the_page_says_what_is_missing_without_webgl(tab: Tab, page: Path, tmp_p
     tab.open(without.resolve().as_uri())
     tab.wait("document.getElementById('overlay')?.hidden === false && !document.getElementById('model')")
     assert "This browser has no WebGL 2" in tab.evaluate("document.getElementById('overlay').textContent")
+
+
+def test_a_drag_while_time_stands_still_is_told(opened: Tab) -> None:
+    pull(opened)
+    opened.wait("document.getElementById('notice').textContent.startsWith('Paused')")
+    opened.mouse("mouseReleased", (0, 0))
+
+
+def test_help_the_first_view_a_scale_and_a_picture_are_a_key_away(opened: Tab) -> None:
+    def press(key: str) -> None:
+        opened.evaluate(f"dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}' }}))")
+
+    press("?")
+    assert opened.evaluate("document.getElementById('manual').open")
+    opened.evaluate("document.getElementById('manual').close()")
+    before = opened.evaluate("ldsim.camera.azimuth")
+    opened.evaluate("ldsim.camera.azimuth += 30")
+    press("0")
+    assert opened.evaluate("ldsim.camera.azimuth") == before
+    ruler = opened.evaluate(
+        "(({ textContent, offsetWidth }) => [textContent, offsetWidth])(document.getElementById('ruler'))"
+    )
+    assert ruler[0].endswith("m") and 30 < ruler[1] <= 141
+    opened.evaluate("HTMLAnchorElement.prototype.click = function () { window.saved = [this.download, this.href]; }")
+    press("c")
+    assert opened.wait("window.saved")[0].endswith(".png") and opened.evaluate("saved[1].startsWith('blob:')")
+    assert opened.complaints == []
+
+
+def test_on_a_phone_the_controls_begin_folded(tab: Tab, page: Path) -> None:
+    height = "document.getElementById('panel').offsetHeight"
+    assert show(tab, page, 390, 844).evaluate(height) < 0.15 * 844
+    tab.evaluate("document.getElementById('fold').click()")
+    assert 0.15 * 844 < tab.evaluate(height) <= 0.46 * 844

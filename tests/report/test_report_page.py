@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ldsim.mesh.surface import surface_vertices
+from ldsim.report.figure import Axis, Figure, Guide, curve
 from ldsim.report.figures import draw_figures
 from ldsim.report.page import render_page
 from ldsim.report.replay import make_replay
@@ -242,6 +243,32 @@ def test_keys_walk_along_a_curve_change_it_and_zoom(opened: Tab) -> None:
 @pytest.mark.parametrize("width", [390, 1200])
 def test_nothing_is_wider_than_the_page(tab: Tab, page: Path, width: int) -> None:
     assert show(tab, page, width).evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_no_table_of_a_wide_page_has_to_be_shifted(tab: Tab, page: Path) -> None:
+    wider = "[...document.querySelectorAll('.scroll')].filter((box) => box.scrollWidth > box.clientWidth + 1).length"
+    assert show(tab, page, 1050, 800).evaluate(wider) == 0  # with longer names it is the width of 1280
+
+
+def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) -> None:
+    """Lines that cross near the right end and at the top, as those of the spaces do."""
+    line = curve("error", "linear", np.arange(41), np.geomspace(100, 0.01, 41))
+    guides = (Guide(20, "condensed max 20 mm"), Guide(0.3, "condensed mean 0.3 mm"), Guide(40, "kp = k = 40", "x"))
+    figure = Figure(
+        "Errors", Axis("modes"), Axis("mm", log=True), (line,), guides=(*guides, Guide(100, "top")), height=3.5
+    )
+    file = tmp_path / "a.html"
+    figures = {"error_against_k": (figure, drawn(figure))}
+    file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
+    *boxes, whole = show(tab, file, 1280, 800).evaluate(
+        "[...document.querySelectorAll('#hold .plot .guide text'), document.querySelector('#hold .plot svg')]"
+        ".map((e) => e.getBoundingClientRect()).map(({ left, top, right, bottom }) => [left, top, right, bottom])"
+    )
+    assert len(boxes) == 4, boxes
+    for i, (left, top, right, bottom) in enumerate(boxes):
+        assert right <= whole[2] - 4 and top >= whole[1] + 4
+        for other in boxes[:i]:
+            assert right <= other[0] or other[2] <= left or bottom <= other[1] + 3 or other[3] <= top + 3
 
 
 def test_without_webgl_the_replay_stays_away_and_figures_still_answer(tab: Tab, page: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -224,6 +225,18 @@ def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint
         drawn = tab.evaluate("ldsim.drawn")
         tab.wait(f"ldsim.drawn > {drawn}")
         click(tab, name)
+    tab.size(390, 700)  # a phone: the names of three solids stand side by side
+    drawn = tab.evaluate("ldsim.drawn")
+    tab.wait(f"document.querySelectorAll('.label b').length === 3 && innerWidth === 390 && ldsim.drawn > {drawn + 2}")
+    boxes = sorted(
+        tab.evaluate(
+            "[...document.querySelectorAll('.label')]"
+            ".map((e) => e.getBoundingClientRect()).map(({ left, right }) => [left, right])"
+        )
+    )
+    assert all(left >= -1 and right <= 391 for left, right in boxes), boxes
+    assert all(right <= left + 3 for (_, right), (left, _) in pairwise(boxes))
+    tab.size(640, 480)
     for name in ("Linear", "Full"):
         tab.evaluate(f"[...document.querySelectorAll('.space')].find((b) => b.textContent === '{name}').click()")
     tab.wait("document.querySelectorAll('#statistics tr').length === 1")
