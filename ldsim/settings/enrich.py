@@ -27,8 +27,10 @@ POOR = 0.5
 # A few pulls are judged, and many are stated: the worst of ten is some 90th percentile, and the 95th is stated, at 95 %
 # confidence. So rounds go on, as long as there is time, until the few hold this share of the error that is asked for.
 MARGIN = 0.6
-# Rounds of own runs that are added at once, and the widest layers.
-MORE, WIDEST = 2, 128
+# Rounds of own runs and coordinates that are added at once, and the most coordinates and widest layers.
+MORE, FURTHER, MOST, WIDEST = 2, 4, 24, 128
+# More of the same is not asked for where the last turn left more than this share of the error.
+HELPED = 0.9
 # What the stage train is told, so that poses that are relaxed stay for the next round.
 KEEP = {"train": ["--keep"]}
 
@@ -64,9 +66,11 @@ class Enriched:
         if settings.train.kind != "condensed":
             return ""
         with Run(self._runs / settings.experiment, settings.experiment) as run:
-            kept_back = float(run.model.loss[-1, 1])
-        changed, words = extended(settings, kept_back > POOR * self._asked)
-        write_enriched(self._given, changed)
+            poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
+        helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
+        changed, words = extended(settings, r, poor_fit, helped)
+        if words:
+            write_enriched(self._given, changed)
         return words
 
     def take_best(self) -> None:
@@ -111,11 +115,13 @@ def _kept(run: Run) -> Path:
     return run.folder / "model.best.h5"
 
 
-def extended(settings: Settings, poor_fit: bool) -> tuple[Settings, str]:
-    """A condensed space that learns more, and what is different.
+def extended(settings: Settings, r: int, poor_fit: bool, helped: bool) -> tuple[Settings, str]:
+    """A condensed space that learns more, and what is different; no words where nothing is left to change.
 
     Args:
+        r: the coordinates that it has.
         poor_fit: whether it misses what it was fitted to, which more poses would not mend.
+        helped: whether what was changed last made the error smaller, or nothing was changed yet.
     """
     train = settings.train
     condensed, widest = train.condensed, max(train.hidden)
@@ -124,9 +130,13 @@ def extended(settings: Settings, poor_fit: bool) -> tuple[Settings, str]:
         counts = {"features": 2 * condensed.features, "points": 2 * condensed.points}
         train = train.replace(hidden=hidden, condensed=condensed.replace(**counts))
         words = f"train.hidden {list(hidden)}, " + ", ".join(f"condensed.{name} {n}" for name, n in counts.items())
-    else:
+    elif helped:
         train = train.replace(condensed=condensed.replace(rounds=condensed.rounds + MORE))
         words = f"train.condensed.rounds {condensed.rounds + MORE}"
+    elif (more := min(r + FURTHER, MOST, settings.pca.k or MOST)) > r:
+        train, words = train.replace(r=more), f"train.r {more}"
+    else:
+        return settings, ""
     return settings.replace(train=train), words
 
 

@@ -13,7 +13,7 @@ import pytest
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import load_settings, settings_of
-from ldsim.settings.enrich import current, enrich, extended, write_enriched
+from ldsim.settings.enrich import MOST, current, enrich, extended, write_enriched
 
 CONTENT = {
     "experiment": "part",
@@ -83,21 +83,29 @@ def test_a_model_that_is_lost_is_extended_and_said_to_be_lost() -> None:
 
 def test_more_poses_where_it_fits_and_wider_layers_where_it_does_not() -> None:
     settings = settings_of(CONTENT, "a test")
-    more, words = extended(settings, poor_fit=False)
+    more, words = extended(settings, 10, poor_fit=False, helped=True)
     assert more.train == settings.train.replace(condensed=settings.train.condensed.replace(rounds=3))
     assert words == "train.condensed.rounds 3"
-    wider, words = extended(settings, poor_fit=True)
+    wider, words = extended(settings, 10, poor_fit=True, helped=True)
     assert (wider.train.hidden, wider.train.condensed.points, wider.train.condensed.features) == ((64, 128), 40, 12)
     assert "train.hidden [64, 128]" in words
-    widest, words = extended(wider, poor_fit=True)
+    widest, words = extended(wider, 10, poor_fit=True, helped=True)
     assert widest.train.condensed.rounds == 3 and words == "train.condensed.rounds 3"
+
+
+def test_more_coordinates_where_more_poses_did_not_help_as_long_as_there_are_any() -> None:
+    settings = settings_of(CONTENT, "a test")
+    more, words = extended(settings, 10, poor_fit=False, helped=False)
+    assert more.train == settings.train.replace(r=14) and words == "train.r 14"
+    assert extended(settings, 22, poor_fit=False, helped=False)[1] == f"train.r {MOST}"
+    assert extended(settings, MOST, poor_fit=False, helped=False) == (settings, "")
 
 
 def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_path: Path) -> None:
     config = tmp_path / "part.yaml"
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
     assert current(config) == config
-    more, _ = extended(load_settings(config), poor_fit=False)
+    more, _ = extended(load_settings(config), 10, poor_fit=False, helped=True)
     place = write_enriched(config, more)
     assert place == tmp_path / "part.enriched.yaml" == current(config)
     assert load_settings(place) == more
@@ -124,7 +132,7 @@ class MadeRun:
 
     def __init__(self, folder: Path, experiment: str) -> None:
         self.folder = folder
-        self.model = SimpleNamespace(loss=np.array([[0.1, 0.01]]))
+        self.model = SimpleNamespace(loss=np.array([[0.1, 0.01]]), decoder=SimpleNamespace(r=10))
 
     def path(self, kind: str) -> Path:
         return self.folder / f"{kind}.h5"
@@ -151,6 +159,11 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
 def test_few_pulls_have_to_hold_the_error_with_a_margin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """For the many that are stated are worse than the worst of a few."""
     assert len(enriched(tmp_path, monkeypatch, [0.045, 0.029])[0]) == 2
+
+
+def test_where_more_poses_did_not_help_coordinates_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, told = enriched(tmp_path, monkeypatch, [0.3, 0.28, 0.02])
+    assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 3", "train.r 14", ""]
 
 
 def test_the_round_that_was_least_off_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
