@@ -261,7 +261,7 @@ def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) ->
     figures = {"error_against_k": (figure, drawn(figure))}
     file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
     *boxes, whole = show(tab, file, 1280, 800).evaluate(
-        "[...document.querySelectorAll('#hold .plot .guide text'), document.querySelector('#hold .plot svg')]"
+        "[...document.querySelectorAll('#hold .plot .guide text'), document.querySelector('#hold .plot svg[role=img]')]"
         ".map((e) => e.getBoundingClientRect()).map(({ left, top, right, bottom }) => [left, top, right, bottom])"
     )
     assert len(boxes) == 4, boxes
