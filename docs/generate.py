@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from ldsim import Run, Simulator, load, simulate, view
+from ldsim import BatchedSimulator, Run, Simulator, load, simulate, view
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.artefacts.store import HEADER, WRITTEN_BY
 from ldsim.cli.app import COMMANDS, main
@@ -94,8 +94,8 @@ in seconds unless the key says otherwise. A value that was not measured is null;
 
 PYTHON_INTRODUCTION = """# Python
 
-`from ldsim import load, view, Run, simulate, Simulator` is the front door; [the simulator](../guide/simulator.md) shows
-it in use, [stages from Python](../guide/python.md) the pipeline.
+`from ldsim import load, view, BatchedSimulator, Run, simulate, Simulator` is the front door;
+[the simulator](../guide/simulator.md) shows it in use, [batches](../guide/batched.md) many at once, [stages from Python](../guide/python.md) the pipeline.
 """
 
 GALLERY_INTRODUCTION = """# Gallery
@@ -316,7 +316,7 @@ def _report_rows(path: str, node: Node, schema: Node) -> Iterator[str]:
 def python_page() -> str:
     """reference/python.md: the front door, by signatures and docstrings."""
     text = MADE.format(source="the docstrings of the code") + PYTHON_INTRODUCTION
-    for thing in (load, view, Simulator, Handle, StepRecord, Outcome, Run, simulate):
+    for thing in (load, view, Simulator, Handle, StepRecord, Outcome, BatchedSimulator, Run, simulate):
         text += f"\n## {thing.__name__}\n\n" + _described(thing, thing.__name__)
         if not inspect.isclass(thing) or issubclass(thing, Enum):
             continue

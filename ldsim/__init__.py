@@ -1,7 +1,7 @@
 """Reduced deformable simulation in a learned latent space (Fulton et al., Eurographics 2019).
 
-The front door is `from ldsim import Run, simulate, load, Simulator, view`; each stage is a function of its module in
-`ldsim.pipeline`, as `from ldsim.pipeline.train import train`.
+The front door is `from ldsim import load, view, Simulator, BatchedSimulator, Run, simulate`; each
+stage is a function of its module in `ldsim.pipeline`, as `from ldsim.pipeline.train import train`.
 """
 
 from __future__ import annotations
