@@ -95,7 +95,8 @@ in seconds unless the key says otherwise. A value that was not measured is null;
 PYTHON_INTRODUCTION = """# Python
 
 `from ldsim import load, view, BatchedSimulator, Run, simulate, Simulator` is the front door;
-[the simulator](../guide/simulator.md) shows it in use, [batches](../guide/batched.md) many at once, [stages from Python](../guide/python.md) the pipeline.
+[the simulator](../guide/simulator.md) shows it in use, [batches](../guide/batched.md) many at once,
+[stages from Python](../guide/python.md) the pipeline.
 """
 
 GALLERY_INTRODUCTION = """# Gallery
