@@ -36,6 +36,7 @@ LARGEST = 1e15
 MOST_BYTES, MOST_ENTRIES = 16 << 20, 1_000_000
 # Faults named in one message.
 MOST_FAULTS = 10
+EXTRA = "extra_forbidden"
 
 
 class Options(BaseModel):
@@ -159,26 +160,46 @@ def checked_options(content: Mapping[str, Any], source: str, kind: type[Given]) 
     try:
         return kind.model_validate(dict(content))
     except ValidationError as error:
-        found = error.errors()
-        faults = "; ".join(_fault(dict(fault), source.split()[0], kind) for fault in found[:MOST_FAULTS])
+        found = _roots([dict(fault) for fault in error.errors()], kind)
+        faults = [_fault(fault, source.split()[0], kind) for fault in found[:MOST_FAULTS]]
         if len(found) > MOST_FAULTS:
-            faults += f"; and {len(found) - MOST_FAULTS} more"
-        raise SettingsError(f"{source}: {faults}") from error
+            faults.append(f"and {len(found) - MOST_FAULTS} more")
+        told = faults[0] if len(faults) == 1 else "\n".join((f"{len(found)} things are wrong", *faults))
+        raise SettingsError(f"{source}: {told}") from error
+
+
+def _roots(found: list[dict[str, Any]], root: type[BaseModel]) -> list[dict[str, Any]]:
+    """Without faults that follow from others: a list short of a wrong entry, a key missing that is misspelt."""
+    places = [fault["loc"] for fault in found]
+    around = {place[:i] for place in places for i in range(len(place))}
+    wanted = {fault["loc"] for fault in found if fault["type"] == "missing"}
+    unknown = [place for place, fault in zip(places, found, strict=True) if fault["type"] == EXTRA][:MOST_FAULTS]
+    spelt = {(*place[:-1], _nearest(place, root)) for place in unknown}
+    return [fault for fault in found if fault["loc"] not in around and fault["loc"] not in wanted & spelt]
+
+
+def _nearest(location: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
+    """The known key that an unknown one at a path may be."""
+    return next(iter(difflib.get_close_matches(str(location[-1]), _known_keys(location[:-1], root), 1, 0.4)), None)
 
 
 def _fault(fault: dict[str, Any], what: str, root: type[BaseModel]) -> str:
     """One fault in words: the key's path, what is wrong, what was got, and the nearest known key."""
     where = ".".join(str(step) for step in fault["loc"]) or what
-    if fault["type"] == "extra_forbidden":
-        known = _known_keys(fault["loc"][:-1], root)
-        near = difflib.get_close_matches(str(fault["loc"][-1]), known, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
+    if fault["type"] == EXTRA:
+        near = _nearest(fault["loc"], root)
+        known = ", ".join(sorted(_known_keys(fault["loc"][:-1], root)))
+        hint = f"known are {known}" if near is None else f"did you mean {near!r}?"
         return f"unknown key {where!r}; {hint}"
     if fault["type"] == "missing":
         return f"{where} is missing"
     given = repr(fault["input"])
     got = "" if isinstance(fault["input"], dict | list) else f", got {given[:60]}{'…' * (len(given) > 60)}"
     message = fault["msg"].removeprefix("Value error, ")
+    if fault["type"] == "too_short":
+        message = f"give at least {fault['ctx']['min_length']}"
+    if fault["type"] == "model_type":
+        message = "expected keys and values"
     return f"{where}: {message[:1].lower()}{message[1:]}{got}"
 
 

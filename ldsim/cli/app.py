@@ -10,7 +10,7 @@ from typing import Never
 import click
 
 from ldsim import __version__
-from ldsim.errors import LdsimError
+from ldsim.errors import LdsimError, SettingsError
 
 COMMANDS = {
     "new": "Look at a solid and write settings that fit it.",
@@ -55,6 +55,8 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
+        except SettingsError as error:  # several faults, a line each
+            _end_with(*str(error).splitlines())
         except LdsimError as error:
             _end_with(str(error))
         except ModuleNotFoundError as error:
@@ -76,9 +78,11 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
-def _end_with(message: str) -> Never:
-    """Say what is wrong in one line, and leave with status 1."""
+def _end_with(message: str, *more: str) -> Never:
+    """Say what is wrong in one line, and in one for each thing more, and leave with status 1."""
     click.echo(f"error: {printable(' '.join(message.split()))}", err=True)
+    for fault in more:
+        click.echo(f"  {printable(' '.join(fault.split()))}", err=True)
     sys.exit(1)
 
 

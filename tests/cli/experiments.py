@@ -108,14 +108,16 @@ class Experiment:
 
 
 def refused(result: Result) -> str:
-    """The one line of a refusal: exit status 1, last on stderr, without a traceback."""
+    """The one line of a refusal: exit status 1, last on stderr but for one line a fault, without a traceback."""
     assert result.exit_code == 1, result.output
     assert isinstance(result.exception, SystemExit), result.exception
     lines = [line for line in result.stderr.splitlines() if line.strip()]
     assert [line.startswith("error: ") for line in lines].count(True) == 1, result.stderr
-    assert lines[-1].startswith("error: ")
+    more = [line for line in lines if line.startswith("  ") and line[2:3].strip()]
+    said, *faults = lines[-1 - len(more) :]
+    assert said.startswith("error: ") and faults == more
     assert "Traceback" not in result.output
-    return lines[-1].removeprefix("error: ")
+    return "\n".join((said.removeprefix("error: "), *(fault.strip() for fault in faults)))
 
 
 def refusal(experiment: Experiment, command: str) -> str:

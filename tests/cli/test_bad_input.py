@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
+import yaml
 from click.testing import CliRunner
 
 from ldsim.cli.app import main
@@ -51,6 +52,17 @@ def test_a_bad_configuration(experiment: Experiment, command: str, case: str) ->
     message = refusal(experiment, command)
     assert words in message
     assert "tiny.yaml" in message
+
+
+def test_each_of_several_faults_has_a_line_of_its_own(experiment: Experiment) -> None:
+    change("train.epoch", 1)(experiment)
+    experiment.configure(yaml.safe_load(experiment.config.read_text("utf-8")) | {"meshh": {}})
+    first, *faults = refusal(experiment, "mesh").split("\n")
+    assert first.endswith("tiny.yaml: 2 things are wrong")
+    assert faults == [
+        "unknown key 'train.epoch'; did you mean 'epochs'?",
+        "unknown key 'meshh'; did you mean 'mesh'?",
+    ]
 
 
 @pytest.mark.parametrize("case", CONFIGURATIONS)

@@ -84,7 +84,7 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
         "no group 'feet'; known are none: its file defines no groups",
     ),
     "pins of an unknown vertex": (change("mesh.pins", [{"vertices": [1, 99999]}]), "vertex 99999 of a list does not"),
-    "an empty set of pins": (change("mesh.pins", []), "mesh.pins: tuple should have at least 1 item"),
+    "an empty set of pins": (change("mesh.pins", []), "mesh.pins: give at least 1"),
     "a negative modulus": (change("mesh.material.youngs_modulus", -1.0), "should be greater than 0, got -1.0"),
     "an incompressible solid": (change("mesh.material.poisson_ratio", 0.5), "should be less than 0.5, got 0.5"),
     "a region without cells": (
