@@ -213,7 +213,7 @@ class Simulator:
             self._stepper = self._own_stepper.stiffened(material_scale)
             self._state = self._state.renewed()
             for other in (self._state, self._stepper.rest()):
-                if self._stepper.extent(self._state) <= self._limit:
+                if self._stepper.extent(self._state, self._limit) <= self._limit:
                     break
                 # softer, a condensed solid gives way at once to what pulled it: then rather to nothing
                 self._state = other
@@ -276,7 +276,9 @@ class Simulator:
 
     def _lost(self, state: Any, solution: Solution) -> bool:
         """Whether a step led nowhere, to a state that is not finite, or out of bounds."""
-        return solution.reason == Reason.INFINITE_START or not self._stepper.extent(state) <= self._limit
+        if solution.reason == Reason.INFINITE_START:
+            return True
+        return not self._stepper.extent(state, self._limit) <= self._limit
 
     @property
     def time(self) -> float:

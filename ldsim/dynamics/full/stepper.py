@@ -152,7 +152,7 @@ class FullStepper:
         """u, (3n,) float64, metres."""
         return state.u.ravel()
 
-    def extent(self, state: FullState) -> float:
+    def extent(self, state: FullState, enough: float = 0.0) -> float:
         """The mass-weighted root mean square of u, metres; NaN where the state is not finite."""
         return float(np.sqrt(np.vdot(state.u, self.scene.mass @ state.u) / self._total_mass))
 

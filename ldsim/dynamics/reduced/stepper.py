@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from copy import copy
@@ -185,15 +186,29 @@ class ReducedStepper:
         u = compliance.sag(loads.gravity).copy()
         if not loads.grabs:
             return u
+        for grab, (force, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
+            u += compliance.of_grab(grab.vertices) @ force @ A.T
+        return u
+
+    def _pulling(self, q: Array, loads: Loads) -> list[tuple[Array, Array]]:
+        """Of each grab of a condensed space the force that its compliance at rest feels, N, and its warp A, (3, 3)."""
         bench = self._bench()
         bench.grab(loads.grabs, loads.gravity)
         warp(bench.reference, q)
         # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
         stretch = bench.springs.target - bench.springs.centre - bench.springs.B @ q
         forces = (bench.series.pull @ stretch.ravel()).reshape(-1, 3)
-        for grab, force, A in zip(loads.grabs, forces, bench.series.warps, strict=True):
-            u += compliance.of_grab(grab.vertices) @ (force @ A) @ A.T
-        return u
+        return [(force @ A, A) for force, A in zip(forces, bench.series.warps, strict=True)]
+
+    def _beside(self, state: ReducedState) -> float:
+        """The most that gravity and grabs can move beside the coordinates, in the mass norm: ‖A C f‖ ≤ ‖A‖ ‖C f‖."""
+        bench, loads = self._bench(), state.loads
+        sag = bench.sag(loads.gravity)
+        if not loads.grabs:
+            return sag
+        pulling = self._pulling(state.q, loads)
+        dents = [np.linalg.norm(A) * np.sqrt(f @ C @ f) for (f, A), C in zip(pulling, bench.dents(), strict=True)]
+        return sag + float(sum(dents))
 
     def coordinates(self, state: ReducedState) -> Array:
         """q and beside it where the pins are, a: (k + l,) float64, the coordinates of `Space.fields`."""
@@ -201,13 +216,20 @@ class ReducedStepper:
             return state.q
         return np.concatenate([state.q, np.zeros(self._pins.fields.shape[2]) if state.a is None else state.a])
 
-    def extent(self, state: ReducedState) -> float:
-        """The mass-weighted root mean square of the displacement, pins apart, metres; NaN where it is not finite."""
+    def extent(self, state: ReducedState, enough: float = 0.0) -> float:
+        """The mass-weighted root mean square of the displacement, pins apart, metres; NaN where it is not finite.
+
+        Args:
+            enough: where a bound of a condensed solid's is at most so much, it is told instead.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
-            if self.space.is_condensed:  # what gravity and grabs move beside the coordinates may be the most of it
-                u = self.space.displacement(state.q) + self.residual(state.q, state.loads)
-                return float(np.sqrt(np.vdot(u, self.scene.mass @ u) / self._total_mass))
-            return float(np.sqrt(state.q @ self.mass @ state.q / self._total_mass))
+            own, size = float(np.sqrt(state.q @ self.mass @ state.q)), math.sqrt(self._total_mass)
+            if not self.space.is_condensed:
+                return own / size
+            if enough and (bound := (own + self._beside(state)) / size) <= enough:
+                return bound
+            u = self.space.displacement(state.q) + self.residual(state.q, state.loads)
+            return float(np.sqrt(np.vdot(u, self.scene.mass @ u) / self._total_mass))
 
     def stiffened(self, scale: float) -> ReducedStepper:
         """The same steps with the Lamé parameters of the scene, and the rest stiffness, times a positive number."""
@@ -258,6 +280,8 @@ class _Bench:
         # of the grabs of a condensed space, and the gravity and stiffnesses that it was made for
         self.series = self._loose = InSeries.none(model.force.shape[0])
         self._made_for: tuple[Array | None, list[float]] = (None, [])
+        self._dents: list[Array] | None = []
+        self._sag: tuple[Array | None, float] | None = None
         self.springs = self._springs(())
         self.reference = self._reference()
 
@@ -267,6 +291,7 @@ class _Bench:
         other = not _same(held, self.held)
         if other:
             self.springs, self.held, self.series = self._springs(grabs), tuple(held), self._loose
+            self._dents = None
             self.reference = self._reference()
         if self._space.is_condensed and grabs:
             self._grab_in_series(grabs, gravity)
@@ -285,6 +310,21 @@ class _Bench:
             self.reference = self._reference()
         for i, grab in enumerate(grabs):
             self.series.target[3 * i : 3 * i + 3] = grab.target
+
+    def dents(self) -> list[Array]:
+        """CᵀMC of what is held, (3, 3) each, kg m²/N²: how far a force on it moves a condensed solid, squared."""
+        compliance, mass = self._space.compliance, self._space.scene.mass
+        if self._dents is None and compliance is not None:
+            fields = [compliance.of_grab(vertices).reshape(-1, 9) for vertices in self.held]
+            self._dents = [np.einsum("nij,nik->jk", C.reshape(-1, 3, 3), (mass @ C).reshape(-1, 3, 3)) for C in fields]
+        return self._dents or []
+
+    def sag(self, gravity: Array | None) -> float:
+        """How far weight moves a condensed solid beside its coordinates, in the mass norm, kg^½ m."""
+        if self._sag is None or self._sag[0] is not gravity:
+            u = np.zeros((0, 3)) if self._space.compliance is None else self._space.compliance.sag(gravity)
+            self._sag = gravity, float(np.sqrt(np.vdot(u, self._space.scene.mass @ u))) if len(u) else 0.0
+        return self._sag[1]
 
     def _springs(self, grabs: Sequence[Grab]) -> Springs:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)

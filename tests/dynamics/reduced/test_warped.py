@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ldsim.arrays import Array
 from ldsim.dynamics.reduced.potential import Springs
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.warped import InSeries, warp_springs
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -91,3 +94,23 @@ def test_the_deformation_gradient_at_a_grab_is_that_of_an_affine_map(space: Spac
     assert compliance is not None
     F = TURN @ np.diag([1.2, 0.9, 1.1])
     np.testing.assert_allclose((x @ F.T + [1.0, 2.0, 3.0]).T @ compliance.arms(np.array([5, 8])), F, atol=1e-12)
+
+
+@pytest.mark.parametrize("gravity", [None, (0.0, 4.0, -20.0)])
+def test_how_far_the_solid_is_is_bounded_by_what_costs_less(space: Space, gravity: tuple[float, ...] | None) -> None:
+    """In the states of a motion that takes hold, pulls at two places, and lets go."""
+    stepper, other = ReducedStepper(space), Grab(np.arange(30, 34), space.scene.mesh.vertices[31] + 0.02, 50.0)
+    acting = None if gravity is None else np.array(gravity)
+    pull = held(space, (0.05, 0.06, -0.03)).grabs
+    state = stepper.rest()
+    for grabs in [()] * 3 + [pull] * 5 + [(*pull, other)] * 5 + [(other,)] * 3 + [()] * 3:
+        state, _ = stepper.step(state, Loads(grabs, acting))
+        exact, bound = stepper.extent(state), stepper.extent(state, np.inf)
+        assert exact <= bound < 3 * exact
+        assert stepper.extent(state, 0.9 * exact) == exact  # the bound is not enough
+    state = stepper.rest()  # where only the dent of a hard pull is left, and what weight moves
+    x = space.scene.mesh.vertices[pull[0].vertices].mean(axis=0)
+    state.loads = Loads((replace(pull[0], target=x + 1.0, stiffness=1e4),), acting)
+    assert stepper.extent(state) <= stepper.extent(state, np.inf) < 4 * stepper.extent(state)
+    state.q[:] = np.nan
+    assert np.isnan(stepper.extent(state, np.inf))
