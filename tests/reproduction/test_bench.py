@@ -19,7 +19,18 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "browser", "condensed", "cubature", "enrichment", "full_space", "fuzz", "newcomer", "pipeline"),
+    *(
+        "batched",
+        "browser",
+        "condensed",
+        "cubature",
+        "enrichment",
+        "full_space",
+        "fuzz",
+        "hand",
+        "newcomer",
+        "pipeline",
+    ),
     *("released", "runtime", "soak", "solids", "space", "statement", "step", "step_parts", "step_sizes"),
 ]
 
