@@ -1677,27 +1677,39 @@ static void warped_pair(const ldsim_solid *S, int p, int q, double *block)
         }
 }
 
-/* Of the way p from each centroid to its target, what is not the stretch of its spring: the dent p - Q p / k. */
-static void find_dents(ldsim_solid *S, const double *f, const double *centre, const double *B, double *dents)
+/* c(f) of all grabs, centre + B f, with what weight and dead loads move. */
+static void centroids(const ldsim_solid *S, const double *f, double *found)
 {
-    const int rows = 3 * S->g, m = S->model->m;
-    double way[3 * LDSIM_MAX_GRABS];
-    for (int i = 0; i < rows; i++)
-        way[i] = S->grabs[S->order[i / 3]].target[i % 3] - centre[i] - dot(B + (size_t)i * m, f, m);
-    for (int i = 0; i < rows; i++) {
-        dents[i] = 0.0;
-        for (int j = i; j < rows; j++) dents[i] += S->root[j * rows + i] * way[j];
+    const int m = S->model->m;
+    for (int i = 0; i < 3 * S->g; i++) {
+        const grab *g = S->grabs + S->order[i / 3];
+        const double *sag = g->sag + 4 * (i % 3);
+        found[i] = g->centre[i % 3] + (sag[0] + dot3(sag + 1, S->gravity)) / S->scale + dot(g->B + (i % 3) * m, f, m);
     }
-    for (int i = rows - 1; i >= 0; i--) { /* row i of L has nothing after i, so what was read may be written */
-        double force = 0.0;
-        for (int j = 0; j <= i; j++) force += S->root[i * rows + j] * dents[j];
-        dents[i] = way[i] - force / S->grabs[S->order[i / 3]].stiffness;
+}
+
+/* What the springs of a condensed model pull with where the features are f, Q p, grab by grab as they were taken, (3g,); and
+ * of the way p from each centroid to its target what is not the stretch of its spring: the dent p - Q p / k, (3g,). */
+static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *pulls, double *dents)
+{
+    const int rows = 3 * S->g;
+    double way[3 * LDSIM_MAX_GRABS], part[3 * LDSIM_MAX_GRABS];
+    centroids(S, f, way);
+    for (int i = 0; i < rows; i++) way[i] = S->grabs[S->order[i / 3]].target[i % 3] - way[i];
+    for (int i = 0; i < rows; i++) {
+        part[i] = pulls[i] = 0.0;
+        for (int j = i; j < rows; j++) part[i] += S->root[j * rows + i] * way[j];
+    }
+    for (int i = 0; i < rows; i++) {
+        for (int j = 0; j <= i; j++) pulls[i] += S->root[i * rows + j] * part[j];
+        dents[i] = way[i] - pulls[i] / S->grabs[S->order[i / 3]].stiffness;
     }
 }
 
 /* The spring holds the solid by the end of the dent x = A d that it makes, and A d moves with f as well, by
  * H = d(A d)/df at fixed d: a lever on which the force turns and stretches the solid. With L_j = dF/df_j F^-1, to first order
- * in the stretch, dA/df_j = (skew L_j + 1/2 sym L_j) A, so H_j = (3/4 L_j - 1/4 L_j') x. Adds H to B, and takes H f off. */
+ * in the stretch, dA/df_j = (skew L_j + 1/2 sym L_j) A, so H_j = (3/4 L_j - 1/4 L_j') x. Adds H to B, and makes of the
+ * centroid at f the centre for that. */
 static void add_lever(const grab *g, const double *f, int m, const double *x, double *centre, double *B, double *lever)
 {
     const double y[3] = {dot3(g->inverse, x), dot3(g->inverse + 3, x), dot3(g->inverse + 6, x)};
@@ -1709,32 +1721,32 @@ static void add_lever(const grab *g, const double *f, int m, const double *x, do
             for (int j = 0; j < m; j++) lever[j] += share * gradient[j];
         }
         for (int j = 0; j < m; j++) B[(size_t)i * m + j] += lever[j];
-        centre[i] -= dot(lever, f, m);
+        centre[i] -= dot(B + (size_t)i * m, f, m);
     }
 }
 
-/* The springs that a step reads, where the features are f, with the targets as they are by now. Those of a condensed model
- * are in series with its compliance, which warps with the solid: their energy 1/2 p' Q p couples all, Q = L L'. It is
- * 1/2 |L' p|^2, that is springs of unit stiffness on L'B. */
+/* The springs that a step reads which begins where the features are f. Those of a condensed model are in series with its
+ * compliance, which warps with the solid: their energy 1/2 p' Q p couples all, Q = L L'. It is 1/2 |L' p|^2, that is springs
+ * of unit stiffness on L'B, here with the levers that the dents at f are. */
 static void aim_springs(ldsim_solid *S, const double *f)
 {
     const ldsim_model *M = S->model;
     const int m = M->m, rows = 3 * S->g, condensed = M->anchors > 0;
-    double *centre = condensed ? S->joint : S->centre, *B = condensed ? S->inverse : S->B;
+    double *B = condensed ? S->inverse : S->B;
+    double centre[3 * LDSIM_MAX_GRABS], pulls[3 * LDSIM_MAX_GRABS], dents[3 * LDSIM_MAX_GRABS];
     for (int i = 0; i < rows; i++) {
         const grab *g = S->grabs + S->order[i / 3];
-        const double *sag = g->sag + 4 * (i % 3);
-        centre[i] = g->centre[i % 3] + (condensed ? (sag[0] + dot3(sag + 1, S->gravity)) / S->scale : 0.0);
         copy(B + (size_t)i * m, g->B + (i % 3) * m, m);
-        S->target[i] = condensed ? 0.0 : g->target[i % 3];
+        S->centre[i] = g->centre[i % 3];
+        S->target[i] = g->target[i % 3];
     }
     if (!condensed) return;
-    double dents[3 * LDSIM_MAX_GRABS];
-    find_dents(S, f, centre, B, dents);
+    find_pulls_and_dents(S, f, pulls, dents);
+    centroids(S, f, centre);
     for (int i = 0; i < S->g; i++)
         add_lever(S->grabs + S->order[i], f, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
     for (int i = 0; i < rows; i++) {
-        S->centre[i] = 0.0;
+        S->target[i] = S->centre[i] = 0.0;
         zero(S->B + (size_t)i * m, m);
         for (int j = i; j < rows; j++) {
             const double share = S->root[j * rows + i];
@@ -1745,7 +1757,8 @@ static void aim_springs(ldsim_solid *S, const double *f)
     }
 }
 
-/* All springs where the features are f: of a condensed model, Q = (diag(1/k) + A B C B'A')^-1 = L L' first. */
+/* Brings all of the springs that does not depend on targets to where the features are f: which there are, and of a condensed
+ * model Q = (diag(1/k) + A B C B'A')^-1 = L L'. */
 static void make_springs(ldsim_solid *S, const double *f)
 {
     const ldsim_model *M = S->model;
@@ -1765,18 +1778,16 @@ static void make_springs(ldsim_solid *S, const double *f)
         invert(S->joint, S->root, rows);
         cholesky(S->root, rows);
     }
-    aim_springs(S, f);
     S->renewed_springs = 1;
 }
 
 /* What the springs of a condensed model pull with where the features are f: (max_grabs, 3). */
-static void find_pulls(ldsim_solid *S, const double *f, double *pulls)
+static void find_pulls(const ldsim_solid *S, const double *f, double *pulls)
 {
-    const int rows = 3 * S->g, m = S->model->m;
+    double ordered[3 * LDSIM_MAX_GRABS], dents[3 * LDSIM_MAX_GRABS];
     zero(pulls, 3 * (size_t)S->max_grabs);
-    for (int i = 0; i < rows; i++) S->joint[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, f, m);
-    for (int i = 0; i < rows; i++)
-        for (int j = 0; j <= i; j++) pulls[3 * S->order[i / 3] + i % 3] += S->root[i * rows + j] * S->joint[j];
+    find_pulls_and_dents(S, f, ordered, dents);
+    for (int i = 0; i < 3 * S->g; i++) pulls[3 * S->order[i / 3] + i % 3] = ordered[i];
 }
 
 static grab *find_grab(const ldsim_solid *S, uint32_t id)
@@ -2004,6 +2015,7 @@ static solution try_step(ldsim_solid *S, const moment *from, moment *to)
     const ldsim_model *M = S->model;
     const int r = M->r, m = M->m, l = M->moved;
     if (!S->renewed_springs) make_springs(S, from->f);
+    aim_springs(S, from->f);
     if (memcmp(S->weighed, S->gravity, sizeof S->weighed) != 0) {
         copy(S->weight, M->load, m), copy(S->weighed, S->gravity, 3);
         add_product(M->unit_weight, S->gravity, S->weight, m, 3);
@@ -2059,7 +2071,6 @@ static void take(ldsim_solid *S, moment *found)
 ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
 {
     const ldsim_model *M = S->model;
-    if (S->renewed_springs) aim_springs(S, S->now.f);
     moment *found = &S->first;
     solution last = try_step(S, &S->now, found);
     int iterations = last.iterations, evaluations = last.evaluations;
