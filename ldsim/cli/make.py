@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from ldsim.cli.parameters import Percent, on_configuration
+from ldsim.cli.play import pull_at
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
@@ -20,9 +21,12 @@ from ldsim.settings.make import MISSED, StageFailed, Staleness, made_by, make
 @click.option("--error", type=Percent(), metavar="PERCENT", help="Learn until it is held; status 3 where it is not.")
 @click.option("--minutes", type=click.FloatRange(min=0), default=20.0, show_default=True, help="Begin no round later.")
 @click.option("--step", type=click.FloatRange(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower.")
+@click.option("--play", is_flag=True, help="Then pull the solid in the browser, as `ldsim play` does.")
 @click.option("-n", "--dry-run", is_flag=True, help="Only say what would run, and why.")
 @click.option("--experiment", help="Refuse a configuration of another experiment (for the Makefile).")
-def command(config: Path, runs: Path, until: str, dry_run: bool, experiment: str | None, **asked: float | None) -> None:
+def command(
+    config: Path, runs: Path, until: str, play: bool, dry_run: bool, experiment: str | None, **asked: float | None
+) -> None:
     settings = load_settings(current(config), experiment)
     run = Run(runs / settings.experiment, settings.experiment)
     if dry_run:
@@ -37,4 +41,6 @@ def command(config: Path, runs: Path, until: str, dry_run: bool, experiment: str
     click.echo(("" if ran else f"nothing to do, {run.experiment} is up to date: ") + f"{made_by(run, until).resolve()}")
     if words := missed(run.folder, asked["error"], asked["step"]):
         click.echo("\n".join(words), err=True)
-        sys.exit(MISSED)
+    if play:
+        pull_at(run.folder)
+    sys.exit(MISSED if words else 0)

@@ -20,4 +20,4 @@ def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:
         click.echo(line)
-    click.echo(f"{path}: look through it, then `ldsim make {path}`")
+    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path} --error 5% --play`")

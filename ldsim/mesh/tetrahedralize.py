@@ -112,7 +112,9 @@ def tetrahedralized_to_count(
     while len(tried) < TRIES:
         tried.append(tetrahedralized(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
         length, got = tried[-1].edge_length, tried[-1].mesh.n_cells
-        tell(f"edge length {length:.3g} m: {got} cells")
+        tell(
+            f"try {len(tried)} of at most {TRIES}: edge length {1e3 * length:.3g} mm, {got} tets, of {cells} asked for"
+        )
         if abs(got / cells - 1) <= CLOSE_ENOUGH:
             break
         length *= float((got / cells) ** (1 / _order(tried[-2:])))

@@ -58,7 +58,7 @@ def condensed_model(
     for number in range(options.condensed.rounds):
         work.explore(number)
     work.tell_lost()
-    return _stored(run, *work.fit("train", options.condensed.steps), q, recorded)
+    return _stored(run, *work.fit(options.condensed.rounds + 1, options.condensed.steps), q, recorded)
 
 
 class _Work:
@@ -94,7 +94,7 @@ class _Work:
         store = TrainingStore(self.partial, f"explored{number}", digest)
         kept = store.load()
         if kept is None:
-            found, slaved = self.fit(f"train: before round {number + 1}", int(EXPLORING * self.options.condensed.steps))
+            found, slaved = self.fit(number + 1, int(EXPLORING * self.options.condensed.steps))
             basis = Basis.of(_columns(self.run, found.decoder, slaved), self.run.scene.mass)
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
             z = self._own_frames(space, number)
@@ -109,14 +109,15 @@ class _Work:
         """Coordinates of the frames of its own runs, (f, r)."""
         run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
         pulls = covering_pulls(f"round {number + 1}", run.scene, motions, PULLS, self.options.seed + 1 + number)
-        with self.progress.bar(f"train: runs of round {number + 1}", pulls.frames, "frame") as bar:
+        with self.progress.bar(f"train: own pulls {number + 1}", pulls.frames, "frame") as bar:
             q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // PULLS)
         return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
 
-    def fit(self, name: str, steps: int) -> tuple[Condensed, Basis]:
-        """Fit to all relaxed poses; with the basis of what is slaved."""
+    def fit(self, number: int, steps: int) -> tuple[Condensed, Basis]:
+        """Fit to all poses relaxed so far, for the first, second … time; with the basis of what is slaved."""
         slaved = _slaved_basis(self.pieces, self.run, self.options.condensed.columns)
-        with self.progress.bar(name, steps, "step") as bar:
+        title = f"train: fit {number} of {self.options.condensed.rounds + 1}"
+        with self.progress.bar(title, steps, "step") as bar:
 
             def watch(step: int, loss: float, error: float) -> None:
                 bar.say(f"loss {loss:.3f}, force error {error:.4f}")

@@ -163,7 +163,8 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
         mended = repaired(surface)
         for repair in mended.repairs:
             tell(f"{path.name}: {repair}")
-        tell(f"{path.name}: {len(mended.surface.faces)} triangles around {mended.surface.volume:.4g} m³, meshing")
+        volume = f"{mended.surface.volume:.4g} m³"
+        tell(f"{path.name}: {len(mended.surface.faces)} triangles around {volume} are filled with tets")
         limits = (options.envelope, options.timeout)
         if options.edge_length is not None:
             found = tetrahedralized(mended.surface, options.edge_length, *limits)
@@ -178,8 +179,8 @@ def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tel
 
 def _tell_quality(cells: int, quality: dict[str, float], tell: Tell) -> None:
     tell(
-        f"{cells} tets, radius ratio {quality['radius_ratio_min']:.3f} at worst and "
-        f"{quality['radius_ratio_mean']:.3f} in the mean, volume {quality['volume']:.4g} m³ "
+        f"{cells} tets are taken: radius ratio {quality['radius_ratio_min']:.2f} at worst and "
+        f"{quality['radius_ratio_mean']:.2f} on average (1: regular, 0: flat), volume {quality['volume']:.4g} m³ "
         f"({quality['volume_change']:+.2%} against the surface)"
     )
     if quality["radius_ratio_min"] < POOR_RATIO:

@@ -17,7 +17,7 @@ from ldsim.errors import SolverError
 from ldsim.jit import in_threads
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.pipeline.progress import Bar, Progress
+from ldsim.pipeline.progress import Progress
 from ldsim.space.relaxation import Relaxation, Relaxed
 
 # Of a pose by its number, (n, 3), metres.
@@ -173,14 +173,11 @@ def relaxed_pieces(poses: ChosenPoses, partial: Path, name: str, progress: Progr
     """All pieces, each kept in `partial` as soon as it is done; what an earlier run has done is not done again."""
     pieces = range(-(-len(poses.chosen) // TOGETHER))
     stores = [TrainingStore(partial, f"{name} {piece}", poses.identity(piece)) for piece in pieces]
-    with progress.bar(f"train: {name} poses", poses.wanted, "pose") as bar:
+    with progress.bar("train: poses relaxed", poses.wanted, "pose") as bar:
         todo = [piece for piece in pieces if stores[piece].load() is None]
-        _advance(bar, poses, len(pieces) - len(todo))
-        for piece, arrays in zip(todo, in_threads(poses.relaxed, todo), strict=True):
+        there = len(pieces) - len(todo)
+        bar.reach(poses.wanted * there // max(len(pieces), 1))
+        for done, (piece, arrays) in enumerate(zip(todo, in_threads(poses.relaxed, todo), strict=True), there + 1):
             stores[piece].save(arrays)
-            _advance(bar, poses, 1)
+            bar.reach(poses.wanted * done // len(pieces))
     return [Piece(store) for store in stores]
-
-
-def _advance(bar: Bar, poses: ChosenPoses, pieces: int) -> None:
-    bar.update(min(pieces * TOGETHER * poses.wanted // max(len(poses.chosen), 1), poses.wanted))

@@ -22,6 +22,16 @@ from ldsim.settings.experiment import STAGES, Settings, load_settings
 KINDS_OF = {
     stage: tuple(kind for kind, writer in WRITTEN_BY.items() if writer == stage) or (stage,) for stage in STAGES
 }
+# What each is for, to whoever waits for it.
+MAKES = {
+    "mesh": "the mesh and its scene",
+    "snapshot": "motions of the full space to learn from",
+    "pca": "the linear basis",
+    "train": "the latent space",
+    "cubature": "cubature points",
+    "simulate": "how far the reduced spaces are off",
+    "report": "the report",
+}
 # Motions of the role test, and who reads them.
 TESTS, JUDGES = "tests", ("simulate", "report")
 REPORT = Path("report") / "report.json"
@@ -156,7 +166,7 @@ def make(
             if not reasons:
                 continue
             reason = next(iter(reasons.values()))
-            say(f"{stage}: {reason}")
+            say(f"{stage}: stage {STAGES.index(stage) + 1} of {len(STAGES)}, {MAKES[stage]} ({reason})")
             command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs), *flags.get(stage, ())]
             status = subprocess.run(command, check=False).returncode
             if status not in (0, MISSED):

@@ -16,11 +16,13 @@ import os
 import resource
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ldsim.settings import STAGES
 from reproduction.harness import ROOT, parser, row, show, write_json, write_results
-from tests.viewer.browser import chromium
+from tests.viewer.browser import Tab, chromium
 
 NAME = "newcomer"
 # What a stage runs is what `make demo` runs: it is asked for one after the other so that each can be timed.
@@ -40,43 +42,49 @@ def measured(part: str, folder: Path) -> dict[str, float]:
     unset = ("PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV", "MAKEFLAGS", "OMP_NUM_THREADS")
     environment = {name: value for name, value in os.environ.items() if name not in unset} | own
     place = folder if part == "clone" else folder / "ldsim"
-    begun, before = time.perf_counter(), _processors()
+    begun, before = time.perf_counter(), processors()
     with subprocess.Popen(PARTS[part], cwd=place, env=environment, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         if part == "play":
-            _pull(next(line.strip() for line in process.stdout if line.startswith("http")))
-            seconds = time.perf_counter() - begun
+            with pulled(next(line.strip() for line in process.stdout if line.startswith("http"))):
+                seconds = time.perf_counter() - begun
         for _ in process.stdout:
             pass
     assert process.returncode == 0, f"{PARTS[part]} ended with {process.returncode}"
     return {
         "clock": seconds if part == "play" else time.perf_counter() - begun,
-        "processors": _processors() - before,
+        "processors": processors() - before,
     }
 
 
-def _processors() -> float:
+def processors() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def _pull(url: str) -> None:
-    """Open the page, drag at the middle of what is seen of the solid, and wait until it has moved."""
+@contextmanager
+def pulled(url: str, size: tuple[int, int] = (1280, 800)) -> Iterator[tuple[Tab, tuple[float, float]]]:
+    """The page, where the solid has been dragged at the upper middle and has moved; released when the block ends.
+
+    Yields:
+        The tab, and where the pointer took hold, pixels.
+    """
     with chromium() as tab:
-        tab.size(1280, 800)
+        tab.size(*size)
         tab.open(url)
         tab.wait("window.ldsim !== undefined && ldsim.ready")
         at = tab.evaluate(
-            """(() => { before = Array.from(ldsim.positions(0));
-              for (let i = 0; i < before.length / 3; i++) {
+            f"""(() => {{ before = Array.from(ldsim.positions(0));
+              for (let i = 0; i < before.length / 3; i++) {{
                 const [offsetX, offsetY] = ldsim.screen(0, i);
-                if (offsetY < 330 && ldsim.stage.hit({ offsetX, offsetY })) return [offsetX, offsetY];
-              } })()"""
+                if (offsetY < {0.41 * size[1]:g} && ldsim.stage.hit({{ offsetX, offsetY }})) return [offsetX, offsetY];
+              }} }})()"""
         )
         tab.mouse("mousePressed", at)
         for i in range(1, 9):
             tab.mouse("mouseMoved", (at[0] + 10 * i, at[1] - 8 * i))
         tab.wait(MOVED)
+        yield tab, at
         tab.mouse("mouseReleased", at)
 
 

@@ -21,7 +21,7 @@ from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.progress import SILENT
 from ldsim.settings import load_settings
 from ldsim.settings.record import RecordOptions, recording_scene
-from tests.cli.experiments import TINY, refused
+from tests.cli.experiments import TINY, Experiment, refused
 from tests.report.small_run import write_run
 
 ONE = (
@@ -42,14 +42,16 @@ def started(*arguments: str, **environment: str) -> tuple[str, str, str, int]:
     command = [sys.executable, "-m", "ldsim", *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     process = subprocess.Popen(command, env={**os.environ, **environment}, **pipes)  # type: ignore[call-overload]
-    url = process.stdout.readline().strip()
+    before, url = "", process.stdout.readline().strip()
+    while process.poll() is None and not url.startswith("http"):
+        before, url = f"{before}{url}\n", process.stdout.readline().strip()
     try:
         with urllib.request.urlopen(url, timeout=60) as answer:
             page = answer.read().decode()
     finally:
         process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    return page, url + "\n" + out, err, process.returncode
+    return page, f"{before}{url}\n{out}", err, process.returncode
 
 
 def test_play_prints_the_address_serves_the_page_and_stops_when_interrupted(playable: Path) -> None:
@@ -71,6 +73,19 @@ def test_without_a_browser_the_address_is_all_there_is(playable: Path) -> None:
     _, out, err, status = started("play", str(playable), BROWSER="/bin/false", DISPLAY="", WAYLAND_DISPLAY="", PATH="")
     assert status == 0 and out.startswith("http://")
     assert "no browser could be started here; open the address above in one" in err
+
+
+@pytest.mark.parametrize(("percent", "expected"), [("0.001", 3), ("1e6", 0)])
+def test_make_plays_what_it_made_and_says_first_where_it_is_not_as_good_as_asked(
+    experiment: Experiment, percent: str, expected: int
+) -> None:
+    runs = str(experiment.folder / "runs")
+    arguments = ["make", str(experiment.config), "--runs", runs, "--error", percent, "--play"]
+    page, out, err, status = started(*arguments, BROWSER="/bin/true")
+    assert "<canvas" in page and status == expected
+    assert out.endswith("/\nstopped\n")
+    missed, opened = err.find(f"asked were {percent} %"), err.find(f"opening {experiment.run}")
+    assert opened > missed and (missed >= 0) == (expected == 3)
 
 
 def refusal(*arguments: str) -> str:

@@ -152,7 +152,9 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
     assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
     run = tmp_path / "runs" / "part"
     assert [each.error for each in read_rounds(run)] == [0.3, 0.02]
-    assert told[0].startswith("round 1: off by up to 30 % on 2 pulls kept aside (asked 5 %, of so few 3 %)")
+    assert told[0].startswith(
+        "round 1: off by up to 30 % on 2 pulls kept aside (so few have to stay below 3 %, for 5 % to hold on many)"
+    )
     assert [each.name for each in sorted(run.iterdir())] == ["model.h5", "rounds.json"]
 
 

@@ -142,7 +142,9 @@ def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Pat
     assert "unit: metres, so that it is 162 mm across (--unit)" in result.stdout
     assert "held at x-min" in result.stdout and "(--pin)" in result.stdout
     assert "soft rubber" in result.stdout and "its slowest frequencies" in result.stdout
-    assert result.stdout.splitlines()[-1] == "my-rod.yaml: look through it, then `ldsim make my-rod.yaml`"
+    assert result.stdout.splitlines()[-1] == (
+        "my-rod.yaml is written, change in it what you like; then `ldsim make my-rod.yaml --error 5% --play`"
+    )
     settings = load_settings(Path("my-rod.yaml"))
     assert settings.experiment == "my-rod" and settings.train.kind == "condensed"
     assert set(settings.snapshot.roles) == {"train", "validation", "test"}

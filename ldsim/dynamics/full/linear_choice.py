@@ -56,7 +56,7 @@ def choose(scene: Scene, linear_solver: str, workers: int = 1, memory: float | N
     elimination = eliminate(pattern.indptr, pattern.columns)
     memory = physical_memory() if memory is None else memory
     size = workers * factor_bytes(elimination)
-    words = f"{unknowns}, a factor takes at most {factor_bytes(elimination) / 1e9:.2g} GB"
+    words = f"{unknowns}, a factor of up to {factor_bytes(elimination) / 1e6:.2g} MB"
     if linear_solver == "auto" and size > MEMORY_SHARE * memory:
         return LinearChoice(free, None, f"multigrid, {words}")
     if size > memory:
