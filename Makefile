@@ -74,7 +74,7 @@ lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 
-pictures: $(ENVIRONMENT) ## every picture of README and the guide anew, from runs/demo and runs/ci; needs chromium
+pictures: $(ENVIRONMENT) ## every picture of README and the guide but one (reproduction/pictures.py); needs chromium
 	@$(MAKE) --no-print-directory EXPERIMENT=demo report
 	@$(MAKE) --no-print-directory EXPERIMENT=ci report
 	$(VENV)/bin/python -m reproduction.pictures --runs $(RUNS)

@@ -1,11 +1,12 @@
-"""Every picture and film of README and the guide, from the run of the demo and the configurations as they are.
+"""Every picture and film of README and the guide but two_commands.webp, from the demo's run and the configurations.
 
     make pictures                                  all of them; needs runs/demo, runs/ci and Chromium
     python -m reproduction.pictures film gallery   some: film, pages, gallery, drawings
 
 They go to docs/pictures/, and what each shows, with its hash, to docs/pictures/made.json: a test fails where that has
 changed since. The film's numbers go to reproduction/results/demo.json. The notebook's drawings are made from the
-results that they show, which benchmarks have measured.
+results that they show, which benchmarks have measured. two_commands.webp shows a run of many minutes, and is made by
+`python -m reproduction.bench.two_commands --folder FOLDER`, or of that run again with --film.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ KEEP = click.Option(["--keep"], is_flag=True, help="Keep relaxed poses, for a ca
 def command(call: Call, keep: bool = False) -> None:
     model = train(call.run, call.settings.train, call.progress, keep)
     largest, mean = 1e3 * model.errors[0]
-    kind = f"of k = {model.decoder.k}" if model.potential is None else "condensed"
+    kind = f" of k = {model.decoder.k}" if model.potential is None else ", condensed"
     told = f"vertex error of the training frames {largest:.3g} mm at most, {mean:.2g} mm on average"
     rival = f", as good as PCA-{model.kp}" if model.potential is None else ""
-    call.done("model", f"r = {model.decoder.r} {kind}, {told}{rival}")
+    call.done("model", f"r = {model.decoder.r}{kind}, {told}{rival}")

@@ -177,7 +177,7 @@ def _tell_lost(wanted: int, pieces: list[Piece], progress: Progress) -> None:
         )
     bent = sum(int((np.linalg.eigvalsh(each)[:, 0] < 0).sum()) for each in stiffness if len(each))
     if bent:
-        progress.tell(f"note: in {bent} of {wanted} poses the solid buckles as soon as it is let go")
+        progress.tell(f"note: let go in {bent} of {wanted} poses, the solid would buckle on; these are learned too")
 
 
 def _moduli(run: Run, options: TrainOptions) -> tuple[Indices, Array, Array]:

@@ -40,8 +40,8 @@ class Round(Options):
     def line(self, number: int, asked: float, few: float) -> str:
         """Of a table for the console; asked is the error, and few what so few pulls have to hold for it."""
         off = "lost" if self.error is None else f"off by up to {100 * self.error:.2g} %"
-        then = f"; another one, with {self.changed}" if self.changed else ""
-        wanted = f"so few have to stay below {100 * few:g} %, for {100 * asked:g} % to hold on many"
+        then = f"; next: {self.changed}" if self.changed else ""
+        wanted = f"so few must be below {100 * few:g} % for {100 * asked:g} % on many"
         return f"round {number}: {off} on {self.pulls} pulls kept aside ({wanted}), {self.seconds:.0f} s{then}"
 
 

@@ -55,8 +55,8 @@ def told(folder: Path) -> list[str]:
 
 
 def read_first(numbers: RunNumbers) -> list[str]:
-    """The warnings, the advice and what to turn, as the page of a report has them."""
-    turn = (f"to turn: {text}" for text in numbers.remedies)
+    """The warnings, the advice and what to change, as the page of a report has them."""
+    turn = (f"to change: {text}" for text in numbers.remedies)
     return [*(f"warning: {text}" for text in numbers.warnings), *numbers.advice, *turn]
 
 
@@ -69,7 +69,7 @@ def missed(folder: Path, percent: float | None = None, microseconds: float | Non
             words.append("no error is stated: set simulate.statement, which says of what motions")
         elif found is None or 100 * found > percent:
             reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
-            words.append(f"{reached}, asked were {percent:g} %; the report says what to turn")
+            words.append(f"{reached}, asked were {percent:g} %; the report says what to change")
     if microseconds is not None:
         run = None if numbers is None else numbers.headline_runs().get("latent")
         if run is None or run.median_step_ms is None:

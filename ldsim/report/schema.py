@@ -269,7 +269,7 @@ class RunNumbers(ReportSection):
     stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
     warnings: list[str]
     advice: Annotated[list[str], _about("which space to use for this solid, and why")]
-    remedies: Annotated[list[str], _about("what to turn, the most promising first; empty where no number is bad")]
+    remedies: Annotated[list[str], _about("what to change, the most promising first; empty where no number is bad")]
 
     def headline_runs(self) -> dict[str, MotionRun]:
         """Space → its run of the motion that headlines are about: the first test motion, else a validation one."""

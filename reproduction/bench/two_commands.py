@@ -133,7 +133,7 @@ def _filmed(url: str, folder: Path, begun: float) -> float:
 
 
 def film(folder: Path, lines: Sequence[Line]) -> bytes:
-    """The lines as they pass, much faster than they came, by a clock; then the browser, of which pictures take longer."""
+    """The lines as they pass, much faster than they came, by a clock; then what the browser showed."""
     stops = next(line.second for line in lines if line.text.startswith("http")) + 1
     # as many instants by the clock as by the lines: both hours of a bar and a burst of lines are seen
     half = max(round(TERMINAL_S / FRAME_S / 2), 2)
