@@ -34,14 +34,15 @@ from PIL import Image, ImageDraw, ImageFont
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.report.drawing import Picture, webp
 from ldsim.report.overview import report_of
+from ldsim.settings.make import MISSED
 from reproduction.bench.newcomer import processors, pulled
 from reproduction.bench.solid_files import write_solid
 from reproduction.harness import Row, called, parser, row, show, write_json, write_results
 from reproduction.pictures import PLAYGROUND, keep
 
 NAME = "two_commands"
-COMMANDS = {"new": "ldsim new bracket.stl", "make": "ldsim make bracket.yaml --error 5% --play"}
-AGAIN = "ldsim play runs/bracket"
+COMMANDS = {"new": "ldsim new part.stl", "make": "ldsim make part.yaml --error 5% --play"}
+AGAIN, RUN = "ldsim play runs/part", Path("runs") / "part"
 SHOWS = [*PLAYGROUND, "ldsim/cli/new.py", "ldsim/cli/make.py"]
 PAGE, FILM = (960, 600), (720, 450)
 ROWS, COLUMNS = 27, 104
@@ -98,7 +99,7 @@ def _read(terminal: int) -> bytes:
 
 def recorded(folder: Path) -> tuple[list[Line], dict[str, float]]:
     """Both commands, one after the other: their lines, and what was measured."""
-    write_solid("bracket", folder)
+    write_solid("bracket", folder).rename(folder / "part.stl")
     lines, measured, begun = list[Line](), dict[str, float](), time.perf_counter()
     for name, command in COMMANDS.items():
         start, before, count = time.perf_counter() - begun, processors(), len(lines)
@@ -112,6 +113,7 @@ def recorded(folder: Path) -> tuple[list[Line], dict[str, float]]:
                     measured["moved"] = _filmed(line.text, folder, begun) - start - measured["address"]
                     process.send_signal(signal.SIGINT)
             measured[name] = measured.get("address", time.perf_counter() - begun - start)
+        assert process.returncode in (0, MISSED), f"{command} ended with {process.returncode}"
         measured[f"{name} status"] = process.returncode
         measured[f"{name} processors"] = processors() - before
         measured[f"{name} lines"] = sum(each.stays for each in lines[count + 1 :])
@@ -165,7 +167,7 @@ def _screen(folder: Path, lines: Sequence[Line], second: float) -> Picture:
 
 def rows_of(folder: Path, measured: dict[str, float]) -> list[Row]:
     """What was measured, and what the report states."""
-    numbers = report_of(folder / "runs" / "bracket")
+    numbers = report_of(folder / RUN)
     assert numbers is not None and numbers.statement is not None
     stated, latent = numbers.statement.latent, numbers.headline_runs()["latent"]
     step = None if latent.median_step_ms is None else 1000 * latent.median_step_ms
@@ -179,7 +181,7 @@ def rows_of(folder: Path, measured: dict[str, float]) -> list[Row]:
         row("bracket", "threads", os.environ.get("OMP_NUM_THREADS", "all")),
         row("bracket", "load of the machine", measured["load"]),
         row("bracket", "cells", numbers.mesh.cells),
-        row("bracket", "rounds", len(read_rounds(folder / "runs" / "bracket"))),
+        row("bracket", "rounds", len(read_rounds(folder / RUN))),
         row("bracket", "stated error, latent", stated.error, "", "<= 0.05"),
         row("bracket", "median step, latent", step, "µs"),
         row("bracket", "exit status of make", measured["make status"]),
