@@ -29,11 +29,11 @@ def needed_coordinates(run: Run, progress: Progress) -> int:
     """
     sizes = [r for r in SIZES if r < run.basis.k] or [run.basis.k]
     low, high = 0, len(sizes) - 1
-    with progress.bar("train: coordinates", None, "size") as bar:
+    with progress.bar("train: how many coordinates", None, " tried") as bar:
         while low < high:
             middle = (low + high) // 2
             error = slaving_error(Compliance(run.scene, run.basis.columns(sizes[middle])), frames_of(run))
-            bar.say(f"r = {sizes[middle]}: {100 * error:.2g} %")
+            bar.say(f"{sizes[middle]} miss the worst pull by {100 * error:.2g} %")
             bar.update()
             low, high = (low, middle) if error <= ENOUGH else (middle + 1, high)
     return sizes[low]

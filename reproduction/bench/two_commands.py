@@ -47,7 +47,7 @@ SHOWS = [*PLAYGROUND, "ldsim/cli/new.py", "ldsim/cli/make.py"]
 PAGE, FILM = (960, 600), (720, 450)
 ROWS, COLUMNS = 27, 104
 FRAMES, PULLED = 24, 20  # of the browser; in so many of them the pointer holds the solid
-FRAME_S, TERMINAL_S, HOLD_S = 0.1, 3.0, 0.6
+FRAME_S, TERMINAL_S, HOLD_S = 0.1, 2.4, 0.6
 GROUND, INK, FAINT = "#20262d", "#dde3e9", "#8a949e"
 
 
