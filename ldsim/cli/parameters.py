@@ -39,6 +39,21 @@ class Percent(click.ParamType[float]):
         return found
 
 
+def asked_options(function: Callable[..., None]) -> Callable[..., None]:
+    """What `ldsim make` is asked for, beside what it makes."""
+    error = click.option(
+        "--error", type=Percent(), metavar="PERCENT", help="Learn until it is held; status 3 where it is not."
+    )
+    minutes = click.option(
+        "--minutes", type=click.FloatRange(min=0), default=20.0, show_default=True, help="Begin no round later."
+    )
+    step = click.option(
+        "--step", type=click.FloatRange(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower."
+    )
+    experiment = click.option("--experiment", help="Refuse a configuration of another experiment (for the Makefile).")
+    return error(minutes(step(experiment(function))))
+
+
 class Size(click.ParamType[tuple[int, int]]):
     """Width and height of a picture, pixels."""
 

@@ -68,6 +68,10 @@ class Staleness:
                 kinds |= set(reasons)
         return found
 
+    def told(self, until: str) -> str:
+        """The stages up to one that have to run, a line each."""
+        return "".join(f"{stage}: {reason}\n" for stage, reason in self.stale(until).items())
+
     def reasons(self, stage: str, stale: Set[str] = frozenset()) -> dict[str, str]:
         """Why a stage has to run, by kind of what it writes; empty where it has not.
 

@@ -69,7 +69,7 @@ class EveryElement:
         """q, (k,)."""
         return state.q
 
-    def extent(self, state: ReducedState) -> float:
+    def extent(self, state: ReducedState, enough: float = 0.0) -> float:
         """The mass-weighted root mean square of U q, metres; NaN where the state is not finite."""
         return float(np.sqrt(state.q @ self.mass @ state.q / self._total_mass))
 
