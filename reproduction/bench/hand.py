@@ -126,7 +126,7 @@ def main() -> None:
         if not output.exists():
             record(config, output, seed)
         with Run(folder / "runs" / name, name) as run:
-            options = MotionOptions(name="by_hand", role="test", recording=output)
+            options = MotionOptions(name="by_hand", role="test", recording=str(output))
             found = off(run, motion(run.scene, options))
         show(found, name)
         rows += found
