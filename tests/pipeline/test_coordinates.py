@@ -46,6 +46,20 @@ def test_more_coordinates_hold_large_equilibria_better() -> None:
     assert errors[0] > 0.01 and errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
 
 
+def test_a_dent_does_not_turn_the_compliance_that_makes_it() -> None:
+    """In a step A is that of the decoded pose, which has no dent; so it is where coordinates are chosen."""
+    u, loads = equilibrium(0.25)
+    compliance = Compliance(BODY, modes(BODY, 2))
+    relaxed, (grab,) = compliance.relaxation.from_pose(u).u, loads.grabs
+    force = grab.stiffness * (grab.target - (BODY.mesh.vertices + u)[grab.vertices].mean(axis=0))
+    drawn = [
+        relaxed + compliance.sag(loads.gravity) + compliance.moved(grab.vertices, at, force) for at in (relaxed, u)
+    ]
+    off = [float(np.linalg.norm(each - u, axis=1).mean() / np.linalg.norm(u, axis=1).mean()) for each in drawn]
+    assert slaving_error(compliance, [(u, loads)]) == pytest.approx(off[0], rel=1e-9)
+    assert abs(off[1] - off[0]) > 1e-3 * off[0]
+
+
 def test_its_compliance_turns_with_the_solid() -> None:
     """The end of a beam that is bent far and drawn along itself sinks in along itself."""
     u, loads = equilibrium(0.25)
