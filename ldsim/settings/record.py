@@ -20,7 +20,7 @@ from ldsim.options import Field, Positive
 from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.settings.experiment import load_settings, settings_of
+from ldsim.settings.experiment import Settings, load_settings, settings_of
 from ldsim.settings.new import Given, NewOptions, configuration, seen, with_recordings
 from ldsim.viewer.recorder import Recorder
 
@@ -39,8 +39,10 @@ class RecordOptions(Given):
     ] = None
     cells: Annotated[int | None, Field(ge=10, description="Tets that a surface is filled with, about.")] = None
     play: Annotated[Path | None, Field(description="A recording to play back.")] = None
-    stiffness: Annotated[Positive | None, Field(description="Of a grab, N/m.")] = None
-    radius: Annotated[Positive | None, Field(description="Of a grab, m.")] = None
+    stiffness: Annotated[
+        Positive | None, Field(description="Of a grab, N/m; of the configuration's pulls where it has some.")
+    ] = None
+    radius: Annotated[Positive | None, Field(description="Of a grab, m; of the configuration's pulls likewise.")] = None
     config: Annotated[Path | None, Field(description="For a MESH file: write a configuration of all stages.")] = None
 
 
@@ -56,16 +58,23 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     described = source.suffix.lower() in CONFIGURATIONS
     _check_config(source, described, options.config)
     if described:
-        section = _coarser(load_settings(source).mesh, source, options)
+        settings = load_settings(source)
+        section = _coarser(settings.mesh, source, options)
         (scene, _), text = described_scene(section, progress, source.parent), ""
     else:
-        scene, text = _of_file(source, options, progress)
-    stiffness, radius = usual_grip(scene)
+        scene, settings, text = _of_file(source, options, progress)
+    stiffness, radius = _grip(settings, scene)
     notes: dict[str, str | float] = {"recorded_on": source.name, "time_step_s": scene.time_step}
     motion = None if options.play is None else read_recording(options.play, options.play.stem)
     grip = (options.stiffness or stiffness, options.radius or radius)
     written = partial(_write_configuration, options.config, text)
     return scene, Recorder(options.output, grip, notes, motion, written)
+
+
+def _grip(settings: Settings, scene: Scene) -> tuple[float, float]:
+    """Stiffness and radius of the configuration's own pulls, so that a hand pulls like what a model learns from."""
+    pulls = next((motion.pulls for motion in settings.snapshot.motions if motion.pulls is not None), None)
+    return usual_grip(scene) if pulls is None else (pulls.stiffness, pulls.radius)
 
 
 def _check_config(source: Path, described: bool, config: Path | None) -> None:
@@ -92,8 +101,8 @@ def _write_configuration(place: Path | None, text: str, takes: Sequence[Path]) -
         )
 
 
-def _of_file(source: Path, options: RecordOptions, progress: Progress) -> tuple[Scene, str]:
-    """A solid without a configuration, as `ldsim new` would have it, and the text of one."""
+def _of_file(source: Path, options: RecordOptions, progress: Progress) -> tuple[Scene, Settings, str]:
+    """A solid without a configuration, as `ldsim new` would have it, and the settings and text of one."""
     place = options.config or source.with_suffix(".yaml")
     geometry = seen(source, place, NewOptions.model_validate(options.given()))
     section = geometry.options
@@ -103,11 +112,11 @@ def _of_file(source: Path, options: RecordOptions, progress: Progress) -> tuple[
     text, said = configuration(geometry, scene, options.youngs_modulus)
     for line in said:
         progress.tell(line)
-    section = settings_of(yaml.safe_load(text), str(place)).mesh
+    settings = settings_of(yaml.safe_load(text), str(place))
     if options.config is not None:
         progress.tell(f"{place} is written when something has been recorded; then `ldsim make {place}`")
-    changed = with_properties(scene, properties_of(scene).changed(**section.material.model_dump()))
-    return replace(changed, time_step=section.time_step), text
+    changed = with_properties(scene, properties_of(scene).changed(**settings.mesh.material.model_dump()))
+    return replace(changed, time_step=settings.mesh.time_step), settings, text
 
 
 def _coarser(section: MeshOptions, config: Path, options: RecordOptions) -> MeshOptions:

@@ -21,6 +21,7 @@ from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.progress import SILENT
 from ldsim.settings import load_settings
 from ldsim.settings.record import RecordOptions, recording_scene
+from ldsim.simulator import full_simulator
 from tests.cli.experiments import TINY, Experiment, refused
 from tests.report.small_run import write_run
 
@@ -176,6 +177,18 @@ def test_a_solid_that_is_recorded_on_is_that_of_the_configuration(tmp_path: Path
     assert scene.time_step == again.time_step
     for name in ("mu", "lam", "pinned", "external_force"):
         np.testing.assert_array_equal(getattr(scene, name), getattr(again, name))
+
+
+@pytest.mark.parametrize(("said", "held"), [({}, (30.0, 0.03)), ({"stiffness": 3.0, "radius": 0.2}, (3.0, 0.2))])
+def test_a_hand_pulls_like_the_pulls_of_its_configuration_unless_told_otherwise(
+    said: dict[str, float], held: tuple[float, float], tmp_path: Path
+) -> None:
+    scene, recorder = recording_scene(config(tmp_path), RecordOptions(output=tmp_path / "m.csv", **said))
+    tip = scene.mesh.vertices[scene.free[-1]]
+    grab = recorder.grab(full_simulator(scene), tip, tip).grab
+    near = np.linalg.norm(scene.mesh.vertices - tip, axis=1) <= held[1]
+    np.testing.assert_array_equal(grab.vertices, np.flatnonzero(near & scene.movable))
+    assert grab.stiffness == held[0]
 
 
 def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> None:
