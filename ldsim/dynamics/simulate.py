@@ -63,7 +63,7 @@ def simulate(
         started = time.perf_counter()
         state, solution = stepper.step(state, acting)
         seconds = time.perf_counter() - started
-        lost = solution.reason == Reason.INFINITE_START or not stepper.extent(state, farthest) < farthest
+        lost = solution.reason == Reason.INFINITE_START or not stepper.within(state, farthest)
         yield Frame(number, state, solution, seconds, lost, loads.held)
         if lost:
             return

@@ -52,12 +52,8 @@ class Stepper(Protocol[S]):
         """What describes the shape: q in a reduced space, and where its pins are; u (3n,) in the full one."""
         ...
 
-    def extent(self, state: S, enough: float = 0.0) -> float:
-        """The mass-weighted root mean square of the displacement, metres; NaN where the state is not finite.
-
-        Args:
-            enough: where a bound of it that costs less is at most so much, it may be told instead.
-        """
+    def within(self, state: S, limit: float) -> bool:
+        """Whether the root mean square displacement, weighted by mass, is at most so many metres; not if it is NaN."""
         ...
 
     def stiffened(self, scale: float) -> Stepper[S]:

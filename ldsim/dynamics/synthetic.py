@@ -19,8 +19,9 @@ from ldsim.cubature.path import Tell
 from ldsim.cubature.samples import PoseSpace, rest_compliance
 from ldsim.cubature.system import System
 from ldsim.cubature.terms import ForceTerm
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.dynamics.reduced.options import ReducedOptions
-from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.jit import in_threads
 from ldsim.mechanics.motion import Motion

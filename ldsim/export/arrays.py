@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import save
 
 from ldsim.arrays import Array
-from ldsim.dynamics.reduced.stepper import reduced_mass, reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_mass, reduced_rest_stiffness
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import Surface
 from ldsim.run import Run

@@ -15,7 +15,7 @@ from ldsim.cubature.options import CubatureOptions
 from ldsim.cubature.path import RulePath, Tell, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace
-from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.jit import one_thread
 from ldsim.pipeline.comparison import Reference, windowed_error
 from ldsim.pipeline.progress import SILENT, Progress

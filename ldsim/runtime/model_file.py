@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.cubature.rule import strain_maps
+from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Reduced
-from ldsim.dynamics.reduced.stepper import MovingPins, ReducedStepper
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import ExportError
 from ldsim.mechanics.grabs import usual_grip
 from ldsim.mechanics.materials import material_names

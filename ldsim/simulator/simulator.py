@@ -213,7 +213,7 @@ class Simulator:
             self._stepper = self._own_stepper.stiffened(material_scale)
             self._state = self._state.renewed()
             for other in (self._state, self._stepper.rest()):
-                if self._stepper.extent(self._state, self._limit) <= self._limit:
+                if self._stepper.within(self._state, self._limit):
                     break
                 # softer, a condensed solid gives way at once to what pulled it: then rather to nothing
                 self._state = other
@@ -278,7 +278,7 @@ class Simulator:
         """Whether a step led nowhere, to a state that is not finite, or out of bounds."""
         if solution.reason == Reason.INFINITE_START:
             return True
-        return not self._stepper.extent(state, self._limit) <= self._limit
+        return not self._stepper.within(state, self._limit)
 
     @property
     def time(self) -> float:
@@ -361,7 +361,7 @@ class Simulator:
         present, given = self.coordinates.shape, self._stepper.coordinates(saved.state).shape
         if present != given:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
-        if not self._stepper.extent(saved.state) <= self._limit:
+        if not self._stepper.within(saved.state, self._limit):
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
         self._state, self.held, self._number = saved.state, dict(saved.grabs), saved.number
         self._before = saved.before

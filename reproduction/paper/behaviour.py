@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ldsim.cubature.choose import PoseSplit, choose_on_mesh, split_poses
 from ldsim.cubature.options import FitOptions
 from ldsim.cubature.samples import PoseSpace
-from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg

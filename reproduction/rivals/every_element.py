@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from ldsim.dynamics.reduced.matrices import reduced_mass
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.stepper import reduced_mass
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -69,9 +69,9 @@ class EveryElement:
         """q, (k,)."""
         return state.q
 
-    def extent(self, state: ReducedState, enough: float = 0.0) -> float:
-        """The mass-weighted root mean square of U q, metres; NaN where the state is not finite."""
-        return float(np.sqrt(state.q @ self.mass @ state.q / self._total_mass))
+    def within(self, state: ReducedState, limit: float) -> bool:
+        """Whether the mass-weighted root mean square of U q is at most so many metres."""
+        return bool(state.q @ self.mass @ state.q <= limit**2 * self._total_mass)
 
     def force(self, q: Array) -> tuple[float, Array]:
         """Elastic energy, J, and Uᵀf of a pose, (k,) N."""

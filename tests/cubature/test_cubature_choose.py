@@ -10,7 +10,7 @@ from ldsim.cubature.options import CubatureOptions, FitOptions
 from ldsim.cubature.path import RulePath, relative_errors
 from ldsim.cubature.samples import PoseSpace, perturbed
 from ldsim.cubature.terms import ForceTerm
-from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.errors import SolverError
 from tests.cubature.cubature_problems import beam_scene, latent_problem
 

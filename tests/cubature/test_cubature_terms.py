@@ -13,7 +13,7 @@ from ldsim.cubature.options import FitOptions
 from ldsim.cubature.samples import rest_compliance
 from ldsim.cubature.system import System
 from ldsim.cubature.terms import EnergyTerm, ForceTerm, TangentTerm
-from ldsim.dynamics.reduced.stepper import reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from tests.cubature.cubature_problems import (

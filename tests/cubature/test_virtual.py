@@ -14,7 +14,8 @@ from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace, rest_compliance
 from ldsim.cubature.virtual import MovablePoints, Targets, fit_virtual, virtual_error
-from ldsim.dynamics.reduced.stepper import ReducedStepper, reduced_rest_stiffness
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.loads import Loads

@@ -22,7 +22,7 @@ from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from tests.dynamics.reduced.test_stepper import curved, some_basis
+from tests.dynamics.reduced.solids import curved, some_basis
 from tests.helpers import reduced_space, scene
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ class Losing(Stepper[ReducedState]):
 
     def __init__(self, other: ReducedStepper, at: int, spoil: Callable[[ReducedState], None], reason: Reason) -> None:
         self._other, self._at, self._spoil, self._reason, self._count = other, at, spoil, reason, 0
-        self.rest, self.extent = other.rest, other.extent  # type: ignore[method-assign]
+        self.rest, self.within = other.rest, other.within  # type: ignore[method-assign]
         self.displacement = other.displacement  # type: ignore[method-assign]
 
     @property

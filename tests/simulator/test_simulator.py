@@ -120,7 +120,7 @@ class Reluctant(Stepper[ReducedState]):
         self._other, self._reasons = other, reasons
         self.rest, self.stiffened = other.rest, other.stiffened  # type: ignore[method-assign, assignment]
         self.coordinates, self.displacement = other.coordinates, other.displacement  # type: ignore[method-assign]
-        self.extent = other.extent  # type: ignore[method-assign]
+        self.within = other.within  # type: ignore[method-assign]
 
     def step(self, state: ReducedState, loads: Loads) -> tuple[ReducedState, Solution]:
         advanced, solution = self._other.step(state, loads)
@@ -219,7 +219,8 @@ def test_the_surface_is_closed_and_looks_outward() -> None:
 def test_the_full_stepper_tells_how_far_the_solid_is() -> None:
     stepper = FullStepper(BODY)
     state = replace(stepper.rest(), u=np.full((BODY.mesh.n_vertices, 3), 0.1))
-    np.testing.assert_allclose(stepper.extent(state), np.sqrt(0.03), rtol=1e-12)
+    assert stepper.within(state, np.sqrt(0.03) * (1 + 1e-12)) and not stepper.within(state, np.sqrt(0.03) * (1 - 1e-12))
+    assert not stepper.within(replace(state, u=state.u * np.nan), np.inf)
 
 
 def test_a_grab_at_a_pinned_point_warns_and_one_beside_it_does_not() -> None:

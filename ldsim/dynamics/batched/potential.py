@@ -18,7 +18,8 @@ from torch import Tensor
 from ldsim.arrays import Array
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import Material, twins
-from ldsim.dynamics.reduced.stepper import MovingPins, reduced_mass
+from ldsim.dynamics.reduced.matrices import reduced_mass
+from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.space.space import Space
 
 

@@ -152,9 +152,9 @@ class FullStepper:
         """u, (3n,) float64, metres."""
         return state.u.ravel()
 
-    def extent(self, state: FullState, enough: float = 0.0) -> float:
-        """The mass-weighted root mean square of u, metres; NaN where the state is not finite."""
-        return float(np.sqrt(np.vdot(state.u, self.scene.mass @ state.u) / self._total_mass))
+    def within(self, state: FullState, limit: float) -> bool:
+        """Whether the mass-weighted root mean square of u is at most so many metres."""
+        return bool(np.vdot(state.u, self.scene.mass @ state.u) <= limit**2 * self._total_mass)
 
     def stiffened(self, scale: float) -> FullStepper:
         """The same steps with the Lamé parameters of the scene times a positive number."""

@@ -19,7 +19,7 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.properties import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
-from tests.dynamics.reduced.test_stepper import some_basis
+from tests.dynamics.reduced.solids import some_basis
 from tests.helpers import reduced_space, scene
 
 Array = NDArray[np.float64]

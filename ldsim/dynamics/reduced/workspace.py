@@ -1,0 +1,90 @@
+"""What a thread works with: the springs of what is held, the model under the present loads, scratch memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import is_
+
+import numpy as np
+
+from ldsim.arrays import Array, Indices
+from ldsim.dynamics.reduced.advance import StepReference, step_reference
+from ldsim.dynamics.reduced.minimiser import Minimisation
+from ldsim.dynamics.reduced.potential import Reduced, Springs, make_work
+from ldsim.dynamics.reduced.warped import InSeries
+from ldsim.mechanics.grabs import Grab
+from ldsim.space.space import Space
+
+
+class Workspace:
+    """What one thread works with: a model whose force may change, the springs of the last grabs, scratch memory."""
+
+    def __init__(self, model: Reduced, minimisation: Minimisation, space: Space) -> None:
+        self.model, self._minimisation, self._space = model, minimisation, space
+        self.work = make_work(space.decoder, len(model.weights))
+        self.other_gravity = False
+        self.held: tuple[Indices, ...] = ()
+        # of the grabs of a condensed space, and the gravity and stiffnesses that it was made for
+        self.series = self._loose = InSeries.none(model.force.shape[0])
+        self._made_for: tuple[Array | None, list[float]] = (None, [])
+        self._dents: list[Array] | None = []
+        self._sag: tuple[Array | None, float] | None = None
+        self.springs = self._springs(())
+        self.reference = self._reference()
+
+    def grab(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
+        """Hold what the grabs hold; what is kept serves while they hold the same."""
+        held = [grab.vertices for grab in grabs]
+        other = not same_arrays(held, self.held)
+        if other:
+            self.springs, self.held, self.series = self._springs(grabs), tuple(held), self._loose
+            self._dents = None
+            self.reference = self._reference()
+        if self._space.is_condensed and grabs:
+            self._grab_in_series(grabs, gravity)
+            return
+        _, _, target, stiffness = self.springs
+        for i, grab in enumerate(grabs):
+            target[i] = grab.target
+            stiffness[i] = grab.stiffness
+
+    def _grab_in_series(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
+        stiffness = [grab.stiffness for grab in grabs]
+        if self.series is self._loose or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
+            self._made_for = gravity, stiffness
+            self.series = InSeries.of(self._space, grabs, gravity)
+            self.springs.stiffness[:] = 1.0
+            self.reference = self._reference()
+        for i, grab in enumerate(grabs):
+            self.series.target[3 * i : 3 * i + 3] = grab.target
+
+    def dents(self) -> list[Array]:
+        """CᵀMC of what is held, (3, 3) each, kg m²/N²: how far a force on it moves a condensed solid, squared."""
+        compliance, mass = self._space.compliance, self._space.scene.mass
+        if self._dents is None and compliance is not None:
+            fields = [compliance.of_grab(vertices).reshape(-1, 9) for vertices in self.held]
+            self._dents = [np.einsum("nij,nik->jk", C.reshape(-1, 3, 3), (mass @ C).reshape(-1, 3, 3)) for C in fields]
+        return self._dents or []
+
+    def sag(self, gravity: Array | None) -> float:
+        """How far weight moves a condensed solid beside its coordinates, in the mass norm, kg^½ m."""
+        if self._sag is None or self._sag[0] is not gravity:
+            u = np.zeros((0, 3)) if self._space.compliance is None else self._space.compliance.sag(gravity)
+            self._sag = gravity, float(np.sqrt(np.vdot(u, self._space.scene.mass @ u))) if len(u) else 0.0
+        return self._sag[1]
+
+    def _springs(self, grabs: Sequence[Grab]) -> Springs:
+        U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
+        springs = Springs(np.zeros((count, 3, U.shape[2])), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
+        for i, grab in enumerate(grabs):
+            springs.B[i] = U[grab.vertices].mean(axis=0)
+            springs.centre[i] = rest[grab.vertices].mean(axis=0)
+        return springs
+
+    def _reference(self) -> StepReference:
+        return step_reference(self.model, self.springs, self._minimisation, self.work, self.series)
+
+
+def same_arrays(left: Sequence[Indices], right: Sequence[Indices]) -> bool:
+    """Whether both hold the same arrays, which a drag keeps from frame to frame."""
+    return left is right or (len(left) == len(right) and all(map(is_, left, right)))
