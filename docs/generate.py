@@ -22,6 +22,7 @@ from ldsim import BatchedSimulator, Run, Simulator, load, simulate, view
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS, Dataset
 from ldsim.artefacts.store import HEADER, WRITTEN_BY
 from ldsim.cli.app import COMMANDS, main
+from ldsim.export.playground import assembled
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
@@ -32,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not installed
 
 HERE = Path(__file__).parent / "reference"
+LIVE = HERE.parent / "live" / "demo.html"
 CONFIGS = Path(__file__).parent.parent / "configs"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
 Node = Mapping[str, Any]
@@ -155,7 +157,18 @@ def pages() -> dict[Path, str]:
         HERE / "report.md": report_page(),
         HERE / "python.md": python_page(),
         HERE.parent / "gallery.md": gallery_page(),
+        LIVE: live_page(),
     }
+
+
+def live_page() -> str:
+    """live/demo.html: the models that it holds, in the page as it is today; `make pictures` makes it from the run."""
+    text = LIVE.read_text(encoding="utf-8")
+    about, models = (
+        json.loads(re.findall(rf'<script type="application/json" id="{name}">(.*?)</script>', text)[0])
+        for name in ("about", "model")
+    )
+    return assembled(about, models)
 
 
 def commands_page() -> str:

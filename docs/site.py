@@ -8,20 +8,24 @@ from typing import Any
 
 from mkdocs.structure.files import File
 
-ROOT = Path(__file__).parent.parent
+HERE = Path(__file__).parent
+ROOT = HERE.parent
 FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 README = ROOT / "README.md"
+# The demo's page is there for everybody, those of other examples where `ldsim export runs/NAME --playground` made them.
 LIVE = {page.stem: page for page in sorted(ROOT.glob("runs/*/export/*.html")) if page.stem == page.parents[1].name}
+LIVE |= {page.stem: page for page in (HERE / "live").glob("*.html")}
 EXAMPLE = re.compile(r"^## (\w+)\n", re.M)
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of the root, and those that `ldsim export runs/NAME --playground` has made of examples."""
+    """Add the pages of the root, and the live pages of examples that lie in their runs."""
     for name in FROM_ROOT:
         files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
     for name, page in LIVE.items():
-        files.append(File.generated(config, f"live/{name}.html", abs_src_path=str(page)))
+        if HERE not in page.parents:
+            files.append(File.generated(config, f"live/{name}.html", abs_src_path=str(page)))
     return files
 
 
@@ -30,8 +34,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     own = ROOT / page.file.src_uri if page.file.src_uri in FROM_ROOT else ROOT / "docs" / page.file.src_uri
     if page.file.src_uri == "index.md":
         first = README.read_text(encoding="utf-8").partition("\n## Your own solid")[0]
-        first = _moved(first, README, "").replace("\n**One number.**", _live("demo", "") + "\n**One number.**")
-        return first + _moved(markdown.replace("# Documentation of ldsim\n", ""), own, "")
+        return _moved(first, README, "") + _moved(markdown.replace("# Documentation of ldsim\n", ""), own, "")
     return _moved(markdown, own, "../" * page.file.src_uri.count("/"))
 
 

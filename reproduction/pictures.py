@@ -3,10 +3,11 @@
     make pictures                                  all of them; needs runs/demo, runs/ci and Chromium
     python -m reproduction.pictures film gallery   some: film, pages, gallery, drawings
 
-They go to docs/pictures/, and what each shows, with its hash, to docs/pictures/made.json: a test fails where that has
-changed since. The film's numbers go to reproduction/results/demo.json. The notebook's drawings are made from the
-results that they show, which benchmarks have measured. two_commands.webp shows a run of many minutes, and is made by
-`python -m reproduction.bench.two_commands --folder FOLDER`, or of that run again with --film.
+They go to docs/pictures/, the demo's live page to docs/live/, and what each shows, with its hash, to
+docs/pictures/made.json: a test fails where that has changed since. The film's numbers go to
+reproduction/results/demo.json. The notebook's drawings are made from the results that they show, which benchmarks have
+measured. two_commands.webp shows a run of many minutes, and is made by `python -m reproduction.bench.two_commands
+--folder FOLDER`, or of that run again with --film.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from tests.viewer.browser import Tab, chromium
 from tests.viewer.served import served
 
 MADE = PICTURES / "made.json"
+LIVE = ROOT / "docs" / "live" / "demo.html"
 LARGEST = 600_000  # bytes
 # The demo is pulled at fast: a quarter of its speed can be followed.
 FILM_SECONDS, FILM_FRAMES, FILM_WIDTH, SLOWER = 1.0, 50, 520, 4
@@ -61,9 +63,14 @@ def keep(name: str, data: bytes, shows: Sequence[str]) -> None:
     """Write a picture that shows these files of the project."""
     assert len(data) < LARGEST, f"{name} has {len(data)} bytes"
     (PICTURES / name).write_bytes(data)
+    note(name, shows)
+    print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
+
+
+def note(name: str, shows: Sequence[str]) -> None:
+    """Remember what a file shows, as it is now."""
     made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
     write_json(MADE, dict(sorted({**made, name: input_hashes(shows)}.items())))
-    print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
 
 
 def film(runs: Path) -> None:
@@ -180,15 +187,14 @@ def _recorded(tab: Tab) -> None:
 
 
 def _exported(tab: Tab, run: Path) -> None:
-    page = PICTURES / "temporary.html"
     with Run.open(run) as opened:
-        write_playground(opened, page)
-    tab.open(page.as_uri())
+        write_playground(opened, LIVE)
+    note(LIVE.name, [DEMO])
+    tab.open(LIVE.as_uri())
     tab.wait("window.ldsim && ldsim.source.seconds > 0")
     _pull(tab, (50, -70))
     keep("playground.webp", _picture(tab, "playground.webp"), [DEMO, *PLAYGROUND])
     tab.mouse("mouseReleased", (0, 0))
-    page.unlink()
 
 
 def _reported(tab: Tab, runs: Path) -> None:

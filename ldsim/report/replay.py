@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import Surface, surface_triangles
 from ldsim.report.camera import first_look, upright
-from ldsim.report.runs import displacements, reduced_runs, title
-from ldsim.report.schema import MM_PER_M, ROLES
+from ldsim.report.runs import displacements, reduced_runs, runs, tests_first, title
+from ldsim.report.schema import MM_PER_M
 from ldsim.report.wording import readable
 from ldsim.run import Run
 from ldsim.web import inlined
@@ -162,8 +162,7 @@ def packed(values: NDArray[np.generic], kind: str) -> list[str]:
 
 def _shown(run: Run) -> tuple[int, list[str]]:
     """Every how-manyth frame, and of which motions, so that the coordinates fit."""
-    names = [name for name in run.motions if reduced_runs(run, name)]
-    names.sort(key=lambda name: -ROLES.index(run.motions[name].role))
+    names = [name for name in tests_first(run) if reduced_runs(run, name)]
     row = 2 * (run.basis.k + EXTRA_MODES) * 3
     room = max(COORDINATES_BYTES // row, 1)
     longest = max(int(LONGEST_PAUSE / run.scene.time_step), 1)
@@ -240,7 +239,7 @@ def _described(
         "spaces": [
             {
                 "space": shown.space,
-                "title": title(run, shown.space),
+                "title": title(run, shown.space) + _step_words(run, shown.space, motion.motion),
                 "frames": len(c),
                 "coordinates": packed(c, "i2"),
                 "mean_mm": None if shown.mean_error is None else packed(MM_PER_M * shown.mean_error, "f4"),
@@ -250,6 +249,12 @@ def _described(
         ],
         "drags": [{"first": first, "targets": packed(targets, "f4")} for first, targets in motion.drags],
     }
+
+
+def _step_words(run: Run, space: str, motion: str) -> str:
+    """How long a step took, where it was timed."""
+    timed = runs(run, space).get(motion)
+    return "" if timed is None else f", {1000 * float(np.nanmedian(timed.seconds)):.2g} ms"
 
 
 def _caption(run: Run, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float) -> str:

@@ -7,8 +7,14 @@ from collections.abc import Callable
 import numpy as np
 
 from ldsim.arrays import Array, Indices
+from ldsim.artefacts.snapshots import ROLES, Recorded
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.run import REDUCED, Run
+
+
+def tests_first(run: Run) -> dict[str, Recorded]:
+    """Every motion as it ran in the full space, those first that nothing had seen."""
+    return dict(sorted(run.motions.items(), key=lambda entry: -ROLES.index(entry[1].role)))
 
 
 def runs(run: Run, space: str) -> dict[str, Trajectory]:

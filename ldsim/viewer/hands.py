@@ -113,7 +113,7 @@ class Hands:
             LdsimError: there is none.
         """
         if not self._poses:
-            raise LdsimError("nothing to undo: undo goes back to before the last pull, reset or motion")
+            raise LdsimError("nothing to undo: undo goes back to before the last pull, motion or return to rest")
         pose = self._poses.pop()
         for simulator, state in zip(pose.simulators, pose.states, strict=True):
             simulator.restore(state)

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ldsim.errors import LdsimError
+from ldsim.export.playground import CELLS
 from ldsim.mechanics.scene import Scene
 from ldsim.report.camera import first_look
-from ldsim.report.schema import ROLE_NAMES, ROLES
+from ldsim.report.runs import tests_first
+from ldsim.report.schema import ROLE_NAMES
 from ldsim.run import SPACES, Run
 from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer.payload import solid_block
@@ -51,7 +53,7 @@ def _player(folder: Path) -> Player:
     with Run.open(folder) as run:
         if not run.path("snapshots").is_file():
             return Player()
-        motions = sorted(run.motions.items(), key=lambda entry: -ROLES.index(entry[1].role))
+        motions = tests_first(run).items()
         return Player({name: PlayedMotion(each.motion, ROLE_NAMES[each.role], each.held) for name, each in motions})
 
 
@@ -84,7 +86,7 @@ def _solid(simulators: Sequence[Simulator], title: str, mode: str) -> bytes:
     mesh = scene.mesh
     header = {
         "title": title,
-        "subtitle": f"{mesh.n_vertices:,} vertices, {mesh.n_cells:,} {mesh.cell_type}",
+        "subtitle": f"{mesh.n_vertices:,} vertices, {mesh.n_cells:,} {CELLS[mesh.cell_type]}",
         "gravity": scene.gravity.tolist(),
         "mode": mode,
     }

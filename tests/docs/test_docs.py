@@ -37,12 +37,13 @@ def _name(page: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md"]
+    "name", ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md", "demo.html"]
 )
 def test_a_generated_page_is_what_the_code_says(name: str) -> None:
-    texts = {path.name: text for path, text in _generator().pages().items()}
-    committed = (ROOT / "docs" / "reference" / name).read_text("utf-8")
-    assert committed == texts[name], "run `python docs/generate.py` and commit what it writes"
+    found = {path: text for path, text in _generator().pages().items() if path.name == name}
+    assert found
+    for path, text in found.items():
+        assert path.read_text("utf-8") == text, "run `python docs/generate.py` and commit what it writes"
 
 
 @pytest.mark.parametrize("page", LIVE, ids=_name)

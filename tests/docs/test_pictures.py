@@ -31,6 +31,12 @@ def test_every_picture_of_a_page_is_made_from_what_is_there_now(page: Path) -> N
         )
 
 
+def test_the_live_page_is_of_the_demo_as_it_is_now() -> None:
+    """Its library, script and style are those of today by docs/generate.py (test_docs.py)."""
+    shows = MADE_FROM["demo.html"]
+    assert input_hashes(shows) == shows, "docs/live/demo.html shows what has changed since: run `make pictures`"
+
+
 def test_no_picture_is_kept_that_nothing_shows() -> None:
     texts = "".join(page.read_text("utf-8") for page in PAGES)
     kept = [file.name for kind in ("*.webp", "*.png", "*.svg") for file in MADE.parent.glob(kind)]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.dynamics.simulate import simulate
 from ldsim.export.playground import write_playground
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -165,6 +166,28 @@ def test_a_space_that_is_turned_on_is_where_its_pulls_have_brought_it(opened: Ta
         assert np.abs(np.array(opened.evaluate(f"ldsim.positions({i})")) - rest_shape).max() > 0.1
     assert opened.evaluate("ldsim.source.pulls.size") == 1
     opened.mouse("mouseReleased", (0, 0))
+    assert opened.complaints == []
+
+
+def test_a_motion_of_the_run_is_played_as_python_steps_it_and_a_hand_ends_it(opened: Tab, run: Run) -> None:
+    rest(opened)
+    recorded = run.recorded("pull_1")
+    assert "pull_1" in opened.evaluate("document.getElementById('motions').textContent")
+    opened.evaluate("ldsim.source.send('take', { value: 'pull_1' }); document.getElementById('replay').click()")
+    stepper, features = run.stepper("latent"), "Array.from(ldsim.source.solids.latent.features)"
+    assert isinstance(stepper, ReducedStepper)
+    for frame in simulate(stepper, recorded.motion, held=dict(recorded.held)):
+        opened.evaluate("ldsim.source.stepOnce()")
+        np.testing.assert_allclose(opened.evaluate(features), frame.state.q, atol=1e-6)
+    assert np.abs(opened.evaluate(features)).max() > 1e-3
+    assert opened.evaluate("document.getElementById('replay').title") == "Stop"
+    opened.evaluate("ldsim.source.stepOnce()")  # the motion is over
+    assert opened.evaluate("[ldsim.source.playing, ldsim.source.pulls.size]") == [None, 0]
+    opened.evaluate("document.getElementById('replay').click(); for (let i = 0; i < 5; i++) ldsim.source.stepOnce()")
+    x, y = opened.evaluate(FIND_PLACE)
+    opened.mouse("mousePressed", (x, y))
+    assert opened.evaluate("[ldsim.source.playing, ldsim.source.pulls.size]") == [None, 1]
+    opened.mouse("mouseReleased", (x, y))
     assert opened.complaints == []
 
 

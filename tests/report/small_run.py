@@ -122,7 +122,7 @@ def _displacements(U: Array, frames: int, seed: int) -> NDArray[np.float32]:
 def _write_snapshots(folder: Path, scene: Scene, fields: dict[str, NDArray[np.float32]]) -> None:
     stores = []
     for name, field in fields.items():
-        targets = np.tile([0.25, 0.05, 0.0], (4, 1))
+        targets = np.array([0.25, 0.05, 0.0]) + np.linspace(0, 0.02, 4)[:, None]
         motion = Motion(name, len(field), (Drag(2, np.array([0.25, 0.0, 0.0]), targets, 0.03, 30.0, True),))
         store = MotionStore(folder, motion)
         store.start()
@@ -130,7 +130,7 @@ def _write_snapshots(folder: Path, scene: Scene, fields: dict[str, NDArray[np.fl
             store.append(u.astype(np.float64))
         counts = np.full(len(field), 5, dtype=np.int64)
         statistics = {"iterations": counts, "evaluations": counts + 1, "reason": 0 * counts}
-        held = {0: np.arange(3, dtype=np.int64)}
+        held = {0: np.argsort(-scene.mesh.vertices[:, 0], kind="stable")[:3]}
         store.write_checkpoint(Checkpoint("id", {}, held, statistics, np.full(len(field), 0.2)))
         stores.append((store, motion, ROLES[name]))
     write_snapshots(folder / "snapshots.h5", _header(folder, "snapshots"), stores, scene.mesh.n_vertices)

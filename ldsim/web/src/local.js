@@ -1,6 +1,6 @@
 // The model inside the page, in the place of a server: obeys the page, steps at the pace of time, and hands out frames.
 
-import { decoded } from "./arrays.js";
+import { decoded, unpacked } from "./arrays.js";
 import { everyPicture } from "./dom.js";
 import { Model, Solid, runtimeOf } from "./solid.js";
 import { minus } from "./vector.js";
@@ -26,6 +26,8 @@ export class Local {
     const number = new Map(surface.map((v, i) => [v, i]));
     Object.assign(this, { models, h: timeStep, pull: about.pull, pulls: new Map(), poses: [] });
     this.look = { gravity, stiffness: 1, speed: 1, paused: false, colour: "plain" };
+    this.motions = Object.fromEntries(about.motions.map((motion) => [motion.name, motion]));
+    Object.assign(this, { chosen: about.motions[0]?.name ?? "", playing: null });
     this.solids = {};
     this.blocks = {};
     for (const [space, model] of Object.entries(models)) {
@@ -59,15 +61,18 @@ export class Local {
   }
 
   send(kind, { value, ...values } = {}) {
-    const name = kind === "pause" ? "paused" : kind;
-    if (name in this.look) this.look[name] = value;
+    const name = kind === "pause" ? "paused" : kind, acts = kind === "gravity" || kind === "stiffness";
+    if (acts && this.playing) this.handlers.notice({ text: `${kind} stays as it is while a motion is played; stop first` });
+    else if (name in this.look) this.look[name] = value;
     else this[kind](value ?? values);
-    if (kind === "gravity" || kind === "stiffness") this.condition();
+    if (acts && !this.playing) this.condition();
     if (!["grab", "move", "release"].includes(kind)) this.handlers.status(this.status());
   }
 
   status() {
-    return { ...this.look, kind: "status", offered: Object.keys(this.solids), spaces: this.names, recorder: null, player: null };
+    const motions = Object.fromEntries(Object.values(this.motions).map(({ name, words }) => [name, words]));
+    const player = { playing: this.playing !== null, motions, chosen: this.chosen };
+    return { ...this.look, kind: "status", offered: Object.keys(this.solids), spaces: this.names, recorder: null, player };
   }
 
   // The clock
@@ -86,6 +91,7 @@ export class Local {
   /** Of every space, seen or not: one that is turned on is where its pulls have brought it. */
   stepOnce() {
     let held = false;
+    this.prepare();
     for (const [name, solid] of Object.entries(this.solids)) {
       const before = performance.now(), record = solid.step(), taken = performance.now() - before;
       this.records[name] = { ...record, milliseconds: 0.9 * (this.records[name]?.milliseconds ?? taken) + 0.1 * taken };
@@ -121,6 +127,7 @@ export class Local {
     const { radius, stiffness } = this.pull, held = this.models.latent.held(point, radius);
     if (!held.length) this.handlers.notice({ text: "this place is pinned and will not move; pull where the solid can give way" });
     if (!held.length || this.pulls.has(id) || this.pulls.size >= MOST) return;
+    this.stop();
     this.remember();
     const grabs = this.each((solid) => solid.grab(held, target, stiffness));
     const grips = this.each((solid, name) => solid.centroid(grabs[name]));
@@ -131,7 +138,7 @@ export class Local {
   /** What is held follows the target from where it was: taking hold alone moves nothing. */
   move({ id, target }) {
     const pull = this.pulls.get(id);
-    if (!pull) return;
+    if (!pull || this.playing) return;
     pull.target = target;
     const way = minus(target, pull.start);
     pull.aims = this.each((_, name) => pull.grips[name].map((x, i) => x + way[i]));
@@ -139,9 +146,53 @@ export class Local {
   }
 
   release({ id }) {
+    if (!this.playing) this.letGo(id);
+  }
+
+  letGo(id) {
     const pull = this.pulls.get(id);
     this.pulls.delete(id);
     if (pull) this.each((solid, name) => solid.release(pull.grabs[name]));
+  }
+
+  take(name) {
+    this.chosen = name;
+  }
+
+  /** Plays the chosen motion from rest, or ends it. */
+  replay(value) {
+    this.stop();
+    if (!value) return;
+    this.reset();
+    const drags = this.motions[this.chosen].drags.map((drag) => ({ ...drag, targets: unpacked(drag.targets) }));
+    this.playing = { ...this.motions[this.chosen], drags, frame: 0 };
+  }
+
+  /** Ends the motion that is played, and lets go. */
+  stop() {
+    if (!this.playing) return;
+    this.playing = null;
+    for (const id of [...this.pulls.keys()]) this.letGo(id);
+    this.condition();
+    this.handlers.status(this.status());
+  }
+
+  /** Before each step: what pulls in the next frame of the motion that is played. */
+  prepare() {
+    if (!this.playing) return;
+    const { drags, frames, gravity, frame } = this.playing;
+    if (frame === frames) return this.stop();
+    this.playing.frame += 1;
+    drags.forEach((drag, id) => this.drag(id, drag, frame - drag.start));
+    if (gravity) this.each((solid) => solid.setGravity(gravity[frame]));
+  }
+
+  /** A pull of a motion in the frame `at` since it began. */
+  drag(id, { held, stiffness, targets }, at) {
+    const target = Array.from(targets.slice(3 * at, 3 * at + 3)), pull = this.pulls.get(id);
+    if (at < 0 || !target.length) return pull && this.letGo(id);
+    if (!pull) this.pulls.set(id, { target, grabs: this.each((solid) => solid.grab(held, target, stiffness)) });
+    else this.each((solid, name) => solid.move(pull.grabs[name], (pull.target = target)));
   }
 
   /** Gravity and stiffness act from the next step on. */
@@ -158,6 +209,7 @@ export class Local {
   }
 
   reset() {
+    this.stop();
     this.remember();
     this.pulls.clear();
     this.each((solid) => solid.reset());
@@ -172,11 +224,12 @@ export class Local {
     if (this.poses.length > POSES) this.poses.shift();
   }
 
-  /** Back to before the last pull or return to rest. */
+  /** Back to before the last pull, motion or return to rest. */
   undo() {
+    this.stop();
     const pose = this.poses.pop();
     if (!pose) {
-      this.handlers.notice({ text: "nothing to undo: undo goes back to before the last pull or return to rest" });
+      this.handlers.notice({ text: "nothing to undo: undo goes back to before the last pull, motion or return to rest" });
       return;
     }
     this.each((solid, name) => solid.restore(pose.states[name]));
