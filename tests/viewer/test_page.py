@@ -197,10 +197,10 @@ def test_a_finger_pulls_too(tab: Tab, playable: Path) -> None:
 
 def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(tab: Tab) -> None:
     before = tab.evaluate("ldsim.screen(0, 0)")
-    tab.mouse("mousePressed", (10, 470))
-    tab.mouse("mouseMoved", (60, 440))
-    tab.mouse("mouseMoved", (110, 420))
-    tab.mouse("mouseReleased", (110, 420))
+    tab.mouse("mousePressed", (10, 240))
+    tab.mouse("mouseMoved", (60, 225))
+    tab.mouse("mouseMoved", (110, 215))
+    tab.mouse("mouseReleased", (110, 215))
     tab.wait(f"Math.hypot(ldsim.screen(0, 0)[0] - {before[0]}, ldsim.screen(0, 0)[1] - {before[1]}) > 5")
     assert tab.evaluate("ldsim.grabs") == 0
 
