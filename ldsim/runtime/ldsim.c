@@ -1422,9 +1422,26 @@ static void keep_springs(const ldsim_solid *S, moment *to)
     to->rows = rows;
 }
 
+static void find_direction(ldsim_solid *S, const double *H)
+{
+    const int r = S->model->r;
+    for (int i = 0; i < r; i++) S->Hy[i] = -S->gradient[i];
+    zero(S->direction, r);
+    add_transposed(H, S->Hy, S->direction, r, r); /* H is symmetric */
+}
+
+/* One more step from where the minimiser may stop, without looking at E there: z is then ten times as near to the minimum, for
+ * the price of a decoder. */
+static void go_on(ldsim_solid *S, double *z, const double *H, double *f)
+{
+    find_direction(S, H);
+    for (int i = 0; i < S->model->r; i++) z[i] += S->direction[i];
+    decode(S->model, z, S->hidden, f);
+}
+
 /* Minimises E from the guess of the moment before, or from z where that has infinite energy. z: z_n, then z_(n+1), whose
  * features are left in f. H is renewed at once where `renew` says so, and where `others` are held, their springs are
- * exchanged in it. z is never left at a point of infinite energy unless it was there. */
+ * exchanged in it. Value and norm are those where E was evaluated last. */
 static solution minimise(ldsim_solid *S, const moment *before, double *z, double *f, double *H, int renew, int others)
 {
     const double *guess = before->guess;
@@ -1445,7 +1462,10 @@ static solution minimise(ldsim_solid *S, const moment *before, double *z, double
     }
     for (; found.iterations < (int)M->n.max_iterations; found.iterations++) {
         found.norm = norm(S->gradient, r);
-        if (found.norm <= M->given.tolerance * fmax(norm(z, r), 1.0)) return found;
+        if (found.norm <= M->given.tolerance * fmax(norm(z, r), 1.0)) {
+            if (!(renew || others)) go_on(S, z, H, f);
+            return found;
+        }
         if (others && !renew) renew = !exchange_springs(S, before, H);
         others = 0;
         const int overdue = found.iterations - (renewed_at > 0 ? renewed_at : 0) >= RENEWAL;
@@ -1459,9 +1479,7 @@ static solution minimise(ldsim_solid *S, const moment *before, double *z, double
             invert(S->hessian, H, r); /* kept as it is where the tangent has no factor */
             renew = 0, renewed_at = found.iterations;
         }
-        for (int i = 0; i < r; i++) S->Hy[i] = -S->gradient[i];
-        zero(S->direction, r);
-        add_transposed(H, S->Hy, S->direction, r, r); /* H is symmetric */
+        find_direction(S, H);
         const double slope0 = dot(S->gradient, S->direction, r);
         if (!(slope0 < 0.0 && search(S, z, f, &found.value, slope0, &found.evaluations))) {
             /* with a fresh preconditioner there is nothing better to try; with an old one, that */

@@ -28,7 +28,7 @@ def load(
         space: "latent", "linear", "linear_20" or "full", which needs only scene.h5; "auto" for the one that simulate
             chose for this solid, latent where it has not run.
         points: use the largest cubature of at most so many points of the mesh instead of the one that was chosen.
-        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 10⁻⁴ of the solid's weight in a
+        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 0.3 % of the solid's weight in a
             reduced space, 10⁻⁶ N in the full one.
         seconds: after which a step of the full space begins no further iteration, however large its residual is then.
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ldsim.dynamics.reduced.minimiser import Exchange, exchange_springs
+from ldsim.dynamics.reduced.potential import value_gradient
+from ldsim.mechanics.loads import Loads
 from ldsim.space.decoder import Decoder, decode, decode_jacobian
 from tests.dynamics.reduced.solids import TET, curved, pull, run, some_basis, stepper
 
@@ -55,3 +59,17 @@ def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[st
     others = run(stepper(TET, U, decoder, tolerance=1e-10, **options), pull(TET), 8)
     for a, b in zip(reference, others, strict=True):
         np.testing.assert_allclose(b.q, a.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
+def test_where_the_minimiser_may_stop_it_goes_on_and_leaves_a_tenth_of_the_residual(decoder: Decoder) -> None:
+    some, grab = stepper(TET, some_basis(TET, 6), decoder, tolerance=0.05), pull(TET).grabs[0]
+    state, gradient = some.rest(), np.empty(decoder.r)
+    for frame in range(40):
+        before, loads = state, Loads((replace(grab, target=grab.target + [0, 0.05 * np.sin(0.2 * frame), 0]),))
+        state, solution = some.step(before, loads)
+        model, springs, work = some.compiled(loads)
+        value_gradient(model, springs, 2 * before.q - before.q_previous, state.z, work, gradient)
+        assert solution.gradient_norm <= 0.05
+        assert np.linalg.norm(gradient) <= 0.1 * solution.gradient_norm
+        np.testing.assert_allclose(state.q, decoder(state.z), rtol=1e-12, atol=1e-15)
