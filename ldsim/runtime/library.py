@@ -50,7 +50,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "reset": (None, [c_void_p]),
     "grab": (c_int, [c_void_p, NUMBERS, NUMBERS, c_double, c_double, POINTER(c_uint32)]),
     "grab_vertices": (c_int, [c_void_p, VERTICES, c_uint32, NUMBERS, c_double, POINTER(c_uint32)]),
-    "move": (c_int, [c_void_p, c_uint32, NUMBERS]),
+    "move": (c_int, [c_void_p, c_uint32, POINTER(c_double * 3)]),
     "release": (c_int, [c_void_p, c_uint32]),
     "centroid": (c_int, [c_void_p, c_uint32, NUMBERS]),
     "force": (c_int, [c_void_p, c_uint32, NUMBERS]),
@@ -68,6 +68,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "restore": (c_int, [c_void_p, c_char_p, c_size_t]),
 }
 
+REASONS = tuple(sorted(Reason))
 # What these return is an outcome, and no code.
 STEPS = ("step", "step_many")
 
@@ -150,6 +151,10 @@ class NativeSolid:
     def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
         self.model, self.pointer, self._record = model, c_void_p(), Record()
         self._call("create", model.pointer, max_grabs, byref(self.pointer), solid=False)
+        # of what is called in every step: looking these up takes longer than the call
+        functions, vector = model.library.functions, (c_double * 3)()
+        self._step, self._record_at = functions.ldsim_step, byref(self._record)
+        self._move, self._target, self._target_at = functions.ldsim_move, np.frombuffer(vector), byref(vector)
 
     def __del__(self) -> None:
         self._call("destroy")
@@ -171,7 +176,9 @@ class NativeSolid:
         return found.value
 
     def move(self, grab: int, target: ArrayLike) -> None:
-        self._call("move", grab, _f8(target))
+        self._target[:] = target
+        if code := self._move(self.pointer, grab, self._target_at):
+            raise SolverError(self.model.library("message", code).decode())
 
     def release(self, grab: int) -> None:
         self._call("release", grab)
@@ -193,9 +200,13 @@ class NativeSolid:
 
     def step(self) -> tuple[int, int, Reason, int]:
         """Iterations, evaluations, why the minimiser stopped, and the outcome, a number of ldsim_outcome."""
-        outcome = self._call("step", byref(self._record))
+        outcome = self._step(self.pointer, self._record_at)
         record = self._record
-        return record.iterations, record.evaluations, Reason(record.reason), outcome
+        return record.iterations, record.evaluations, REASONS[record.reason], outcome
+
+    def step_many(self, count: int) -> None:
+        """So many steps by one call."""
+        self._call("step_many", byref(self.pointer), 1, count, None, solid=False)
 
     def reset(self) -> None:
         self._call("reset")

@@ -4,7 +4,8 @@ Both step the same frames of every motion in the latent and the linear space at 
 one thread, in turns. A motion is stepped several times, and the least time of each of its steps counts, for other
 tenants of a machine only add time. The C library also steps them at two other stops. "C from Python" is what a caller
 in Python pays, the calls that move grabs and the solves of a grab of a condensed model included; "C" is the one call of
-ldsim_step, ctypes included.
+ldsim_step, ctypes included. "Python's own" is what a step of a solid that stands still takes from Python beyond one
+of many that are made by a single call of the library; held: with a call that moves the grab.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ REPEATS = 5
 INSTANCES = 64
 # Of each motion, for time.
 FRAMES = 600
+MANY = 100
 # N.
 STOPS = (1e-8, 4e-3)
 
@@ -86,6 +88,7 @@ def measure(run: Run, name: str, library: Library) -> list[Row]:
     rows = [row(run.experiment, f"{name}: load", min(loaded), "ms", "<= 20")]
     rows.append(row(run.experiment, f"{name}: model", len(data) / 1e6, "MB"))
     rows.append(row(run.experiment, f"{name}: grab", 1e3 * grab_seconds(run, model), "ms", "<= 1"))
+    rows += own_part(run, name, model)
     for motion in run.motions:
         acting = frames_of(run, motion)
         rows += steps_of(run, motion, space, model, acting)
@@ -114,6 +117,36 @@ def grab_seconds(run: Run, model: NativeModel) -> float:
             tries.append(time.perf_counter() - started)
         seconds.append(min(tries))
     return float(np.median(seconds))
+
+
+def own_part(run: Run, name: str, model: NativeModel) -> list[Row]:
+    """What Python itself takes of a step, free and held."""
+    rows, solid, point = [], NativeSolid(model), run.scene.mesh.vertices[spread_points(run.scene, 2)[1]]
+    grab = -1
+
+    def step() -> None:
+        if grab >= 0:
+            solid.move(grab, point)
+        solid.step()
+
+    for what in ("free", "held"):
+        for _ in range(2000):
+            solid.step()
+        one = min_seconds(step, 2000)
+        many = min_seconds(lambda: solid.step_many(MANY), 50) / MANY
+        rows.append(
+            row(run.experiment, f"{name}: Python's own part of a step, {what}", 1e6 * (one - many), "µs", "<= 2")
+        )
+        grab = solid.grab(point, point)
+    return rows
+
+
+def min_seconds(call: Callable[[], object], count: int) -> float:
+    """The least of many calls, less what looking at the clock takes."""
+    clock = time.perf_counter
+    tries = np.array([(clock(), call(), clock()) for _ in range(count)], dtype=object)[:, ::2].astype(float)
+    empty = np.array([(clock(), clock()) for _ in range(count)])
+    return float(np.min(tries @ [-1, 1]) - np.min(empty @ [-1, 1]))
 
 
 def rate(run: Run, model: NativeModel, threads: int) -> float:
