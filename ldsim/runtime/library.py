@@ -154,7 +154,7 @@ class NativeSolid:
         # of what is called in every step: looking these up takes longer than the call
         functions, vector = model.library.functions, (c_double * 3)()
         self._step, self._record_at = functions.ldsim_step, byref(self._record)
-        self._move, self._target, self._target_at = functions.ldsim_move, np.frombuffer(vector), byref(vector)
+        self._move, self._target, self._target_at = functions.ldsim_move, np.ctypeslib.as_array(vector), byref(vector)
 
     def __del__(self) -> None:
         self._call("destroy")
