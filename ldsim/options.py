@@ -112,7 +112,8 @@ def read_options(path: Path, what: str, kind: type[Given]) -> Given:
             with its path, what was got and what is allowed.
     """
     if not path.is_file():
-        raise SettingsError(f"{what} {path} does not exist; examples lie in configs/")
+        hint = ", and `ldsim new` writes one" if what == "configuration" else ""
+        raise SettingsError(f"{what} {path} does not exist; examples lie in configs/{hint}")
     if path.stat().st_size > MOST_BYTES:
         raise SettingsError(f"{what} {path} has {path.stat().st_size} bytes; allowed are {MOST_BYTES}")
     try:

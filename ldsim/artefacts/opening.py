@@ -53,7 +53,8 @@ def check_seal(path: Path) -> None:
                 "delete it and run make"
             )
         if not block.startswith(MAGIC + f"{size} ".encode()):
-            raise ArtefactError(f"{path} is not a readable HDF5 file (truncated or foreign); delete it and run make")
+            what = "delete it and run make" if path.suffix == ".h5" else "give a run, or one of its files ending in .h5"
+            raise ArtefactError(f"{path} is not a readable HDF5 file (truncated or foreign); {what}")
         if block != _block(stream):
             raise ArtefactError(f"{path} is damaged (its content does not fit its checksum); delete it and run make")
 

@@ -18,7 +18,7 @@ COMMANDS = {
     "mesh": "Read or make the mesh and write the scene.",
     "snapshot": "Run the motions in the full space.",
     "pca": "Find the linear basis.",
-    "train": "Train the autoencoder.",
+    "train": "Train the latent space.",
     "cubature": "Choose the cubature points.",
     "simulate": "Run the motions in the reduced spaces and compare.",
     "report": "Write report.json, report.html and figures.",

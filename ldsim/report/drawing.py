@@ -117,7 +117,7 @@ def side_by_side(
         draw_mesh(ax, pose.positions, triangles, view, limits, shades)
         _draw_pulls(ax, pose.pulls, view, width / len(poses))
         # its size follows the picture's width, so that pictures of one width match; small ones are read too
-        ax.set_title(pose.title, color=TEXT_GREY, fontsize=max(13 * width / 1200, 8), pad=5 * width / 1200)
+        ax.set_title(pose.title, color=TEXT_GREY, fontsize=max(13 * width / 1200, 11), pad=5 * width / 1200)
     if most > 0:
         _colour_bar(figure, 1000 * most)
     return _rasterised(figure)

@@ -177,6 +177,12 @@ def test_info_of_what_is_no_artefact(tmp_path: Path, content: bytes | None, word
     assert words in refused(CliRunner().invoke(main, ["info", str(path)]))
 
 
+def test_info_of_a_mesh_does_not_say_to_delete_it(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_text("solid")
+    told = refused(CliRunner().invoke(main, ["info", str(tmp_path / "part.stl")]))
+    assert "delete" not in told and "give a run" in told
+
+
 def test_info_of_a_foreign_hdf5_file(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:

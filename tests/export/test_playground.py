@@ -273,7 +273,8 @@ def test_help_the_first_view_a_scale_and_a_picture_are_a_key_away(opened: Tab) -
     assert opened.complaints == []
 
 
-def test_on_a_phone_the_controls_begin_folded(tab: Tab, page: Path) -> None:
+def test_on_a_phone_and_in_a_cell_of_a_notebook_the_controls_begin_folded(tab: Tab, page: Path) -> None:
+    assert "folded" in show(tab, page, 830, 480).evaluate("document.body.className")
     height = "document.getElementById('panel').offsetHeight"
     assert show(tab, page, 390, 844).evaluate(height) < 0.15 * 844
     tab.evaluate("document.getElementById('fold').click()")

@@ -3,7 +3,7 @@
 import { byId, digits, fixed, gradient, make } from "./dom.js";
 
 const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
-const NARROW = 640; // pixels of a window in which the controls would cover the solid: they begin folded
+const [NARROW, LOW] = [640, 540]; // pixels of a window, or a notebook's cell, in which the controls would cover the solid: they begin folded
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
 const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", u: "undo", 0: "home", c: "capture", "?": "help", h: "help" };
 const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
@@ -33,7 +33,7 @@ export class Panel {
     byId("home").onclick = () => local.home();
     byId("capture").onclick = () => local.capture();
     byId("help").onclick = () => byId("manual").showModal();
-    if (innerWidth <= NARROW) document.body.classList.add("folded");
+    if (innerWidth <= NARROW || innerHeight <= LOW) document.body.classList.add("folded");
     byId("fold").onclick = () => document.body.classList.toggle("folded");
     byId("record").onclick = () => send("record", { value: !this.status.recorder.recording });
     byId("replay").onclick = () => send("replay", { value: !this.status.player.playing });
