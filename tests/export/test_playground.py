@@ -39,6 +39,7 @@ FIND_PLACE = """
 })()
 """
 STEPS = 20
+LIVE = Path(__file__).parents[2] / "docs" / "live" / "demo.html"
 
 
 @pytest.fixture(scope="module")
@@ -271,6 +272,15 @@ def test_help_the_first_view_a_scale_and_a_picture_are_a_key_away(opened: Tab) -
     press("c")
     assert opened.wait("window.saved")[0].endswith(".png") and opened.evaluate("saved[1].startsWith('blob:')")
     assert opened.complaints == []
+
+
+def test_the_live_page_of_the_documentation_steps_and_plays(tab: Tab) -> None:
+    """Its models are those of the demo as `make pictures` found it, its library is today's."""
+    show(tab, LIVE)
+    tab.evaluate("document.getElementById('replay').click()")
+    tab.wait("ldsim.source.pulls.size > 0 && ldsim.q(0).some((x) => Math.abs(x) > 1e-3)")
+    tab.wait("document.querySelector('#statistics .latent')?.textContent.includes('fine')")
+    assert tab.complaints == []
 
 
 def test_on_a_phone_and_in_a_cell_of_a_notebook_the_controls_begin_folded(tab: Tab, page: Path) -> None:
