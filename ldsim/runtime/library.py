@@ -151,10 +151,14 @@ class NativeSolid:
     def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
         self.model, self.pointer, self._record = model, c_void_p(), Record()
         self._call("create", model.pointer, max_grabs, byref(self.pointer), solid=False)
-        # of what is called in every step: looking these up takes longer than the call
+        # of what is called in every step: looking it up, and checks of arguments by ctypes, take longer than the call
         functions, vector = model.library.functions, (c_double * 3)()
-        self._step, self._record_at = functions.ldsim_step, byref(self._record)
-        self._move, self._target, self._target_at = functions.ldsim_move, np.ctypeslib.as_array(vector), byref(vector)
+        self._step, self._record_at = functions["ldsim_step"], byref(self._record)
+        self._move, self._target, self._target_at = (
+            functions["ldsim_move"],
+            np.ctypeslib.as_array(vector),
+            byref(vector),
+        )
 
     def __del__(self) -> None:
         self._call("destroy")

@@ -31,6 +31,7 @@ from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
 from reproduction.bench.follower import Follower
 from reproduction.harness import Row, called, parser, row, show, write_results
+from tests.runtime import problems
 
 NAME = "runtime"
 REPEATS = 5
@@ -88,7 +89,6 @@ def measure(run: Run, name: str, library: Library) -> list[Row]:
     rows = [row(run.experiment, f"{name}: load", min(loaded), "ms", "<= 20")]
     rows.append(row(run.experiment, f"{name}: model", len(data) / 1e6, "MB"))
     rows.append(row(run.experiment, f"{name}: grab", 1e3 * grab_seconds(run, model), "ms", "<= 1"))
-    rows += own_part(run, name, model)
     for motion in run.motions:
         acting = frames_of(run, motion)
         rows += steps_of(run, motion, space, model, acting)
@@ -119,9 +119,10 @@ def grab_seconds(run: Run, model: NativeModel) -> float:
     return float(np.median(seconds))
 
 
-def own_part(run: Run, name: str, model: NativeModel) -> list[Row]:
-    """What Python itself takes of a step, free and held."""
-    rows, solid, point = [], NativeSolid(model), run.scene.mesh.vertices[spread_points(run.scene, 2)[1]]
+def own_part(library: Library) -> list[Row]:
+    """What Python itself takes of a step, free and held: of a model so small that it stays in the cache meanwhile."""
+    space = problems.linear()
+    rows, solid, point = [], NativeSolid(NativeModel(library, model_bytes(space))), space.scene.mesh.vertices[-1]
     grab = -1
 
     def step() -> None:
@@ -130,23 +131,22 @@ def own_part(run: Run, name: str, model: NativeModel) -> list[Row]:
         solid.step()
 
     for what in ("free", "held"):
-        for _ in range(2000):
-            solid.step()
-        one = min_seconds(step, 2000)
-        many = min_seconds(lambda: solid.step_many(MANY), 50) / MANY
-        rows.append(
-            row(run.experiment, f"{name}: Python's own part of a step, {what}", 1e6 * (one - many), "µs", "<= 2")
-        )
+        solid.step_many(5000)
+        one, many = np.empty(2000), np.empty(2000)
+        for i in range(len(one)):  # in turns
+            one[i], many[i] = seconds_of(step), seconds_of(lambda: solid.step_many(MANY)) / MANY
+        own = 1e6 * float(np.median(one) - np.median(many))
+        rows.append(row("a small beam", f"Python's own part of a step, {what}", own, "µs", "<= 2"))
         grab = solid.grab(point, point)
     return rows
 
 
-def min_seconds(call: Callable[[], object], count: int) -> float:
-    """The least of many calls, less what looking at the clock takes."""
-    clock = time.perf_counter
-    tries = np.array([(clock(), call(), clock()) for _ in range(count)], dtype=object)[:, ::2].astype(float)
-    empty = np.array([(clock(), clock()) for _ in range(count)])
-    return float(np.min(tries @ [-1, 1]) - np.min(empty @ [-1, 1]))
+def seconds_of(call: Callable[[], object]) -> float:
+    """What a call takes, less what looking at the clock takes."""
+    first = time.perf_counter()
+    started = time.perf_counter()
+    call()
+    return (time.perf_counter() - started) - (started - first)
 
 
 def rate(run: Run, model: NativeModel, threads: int) -> float:
@@ -199,6 +199,7 @@ def main() -> None:
     runs = options.parse_args().runs
     with one_thread(), tempfile.TemporaryDirectory() as folder:
         library = Library(build(Path(folder), ("-march=native",)))
+        rows += own_part(library)
         for path in runs:
             with Run.open(path) as run:
                 for name in REDUCED:
