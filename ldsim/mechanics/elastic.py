@@ -17,6 +17,11 @@ from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials.kernels import energy, energy_stress, tangent
 from ldsim.mechanics.materials.tensors import Matrix, determinant, product_transposed, signed_svd
 
+# Of second differences the length in strain; and the share of the most energy of a point that is nothing beside it.
+SHORT, FADED = 1e-3, 1e-6
+# Of three things all pairs.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
 
 class Elements(NamedTuple):
     """What the kernels read: quadrature points with their material.
@@ -157,6 +162,65 @@ def add_elastic_stiffness(elements: Elements, u: Array, slots: Indices, clamp: b
                 for i in range(3):
                     for j in range(3):
                         blocks[slot, i, j] += t[i, 0] * U[3 * j] + t[i, 1] * U[3 * j + 1] + t[i, 2] * U[3 * j + 2]
+
+
+@njit(cache=True, nogil=True)
+def third_derivative(elements: Elements, fields: Array) -> Array:
+    """∂³V/∂u³ at rest along two of three fields, (n, 3, 3) with the field last: forces (n, 3, 6), `PAIRS` last, J/m³.
+
+    Of each point the second differences of its stress along the fields and their sums, exact to `SHORT` squared, for
+    no material says its third derivatives. The fields are of forces at a place, and fade from there; points where they
+    have faded are left out.
+    """
+    points = elements.weights.shape[0]
+    size, largest, forces = np.empty(points), 0.0, np.zeros((fields.shape[0], 3, 6))
+    G, bent = np.empty((3, 9)), np.empty((6, 9))
+    for s in range(points):
+        size[s] = elements.weights[s] * _strains(elements, s, fields, G) ** 2
+        largest = max(largest, size[s])
+    for s in range(points):
+        if size[s] <= FADED * largest:
+            continue
+        h = SHORT / _strains(elements, s, fields, G)
+        _second_differences(elements.kind[s], elements.mu[s], elements.lam[s], G, h, bent)
+        for pair in range(6):
+            i, j = PAIRS[pair]
+            for e in range(9):
+                # of two fields together half of their sum's less those of each
+                own = bent[pair, e] if i == j else 0.5 * (bent[pair, e] - bent[i, e] - bent[j, e])
+                own *= elements.weights[s] / h**2
+                for a in range(elements.nodes.shape[1]):
+                    forces[elements.nodes[s, a], e // 3, pair] += own * elements.gradients[s, a, e % 3]
+    return forces
+
+
+@njit(cache=True, inline="always")
+def _strains(elements: Elements, s: int, fields: Array, G: Array) -> float:
+    """Writes ∇ of each field at point s, (3, 9), and returns the norm of all."""
+    G[:] = 0.0
+    for a in range(elements.nodes.shape[1]):
+        v = elements.nodes[s, a]
+        for f in range(3):
+            for i in range(3):
+                for j in range(3):
+                    G[f, 3 * i + j] += fields[v, i, f] * elements.gradients[s, a, j]
+    return np.sqrt((G**2).sum())
+
+
+@njit(cache=True, inline="always")
+def _second_differences(kind: int, mu: float, lam: float, G: Array, h: float, bent: Array) -> None:
+    """P(I + h H) − 2 P(I) + P(I − h H) for H of each of three, and of the sums of two."""
+    _, P = energy_stress(kind, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), mu, lam)
+    for row in range(6):
+        i, j = PAIRS[row]
+        for e in range(9):
+            bent[row, e] = -2.0 * P[e]
+        for sign in (-h, h):
+            H = sign * (G[i] if i == j else G[i] + G[j])
+            F = 1.0 + H[0], H[1], H[2], H[3], 1.0 + H[4], H[5], H[6], H[7], 1.0 + H[8]
+            _, stress = energy_stress(kind, F, mu, lam)
+            for e in range(9):
+                bent[row, e] += stress[e]
 
 
 @njit(cache=True, nogil=True)

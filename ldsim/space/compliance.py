@@ -3,18 +3,21 @@
 To first order a solid whose r coordinates z are held moves by C f under a force f, C = K⁻¹ − T W K⁻¹ at rest. A spring
 that pulls at the centroid of some vertices therefore acts in series with C, and what is drawn gains the field of C,
 which is local: a dimple where the solid is touched. Where the solid has turned, C has turned with it, and along what
-is stretched it is softer (`warp`).
+is stretched it is softer (`warp`). To the next order it changes with the coordinates and with the force itself, by the
+third derivative of the elastic energy (`Dent`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import polar
 
 from ldsim.arrays import Array, Indices
+from ldsim.mechanics.elastic import PAIRS, third_derivative
 from ldsim.mechanics.scene import Scene
 from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis
@@ -24,6 +27,10 @@ from ldsim.space.relaxation import Relaxation
 REMEMBERED = 64
 # What is pressed flat does not get ever stiffer.
 LEAST_STRETCH = 0.25
+# Most that a force, or the coordinates beside warping, change the compliance, a share of it.
+MOST_CHANGED = 0.5
+# Which of `PAIRS` an entry of a symmetric matrix is.
+MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class Compliance:
@@ -38,6 +45,8 @@ class Compliance:
         self.anchors: Anchors | None = None
         self._softness = 1.0
         self._known: dict[bytes, Array] = {}
+        self._dents: dict[bytes, Dent] = {}
+        self._fields: dict[bytes, Array] = {}
         self._sags: tuple[Array, Array] | None = None
 
     def of(self, force: Array) -> Array:
@@ -56,7 +65,8 @@ class Compliance:
     def stiffened(self, scale: float) -> Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
         other = copy(self)
-        other._softness, other._known, other._sags = self._softness / scale, {}, None
+        other._softness, other._sags = self._softness / scale, None
+        other._known, other._dents, other._fields = {}, {}, {}
         return other
 
     def anchored(self, anchors: Anchors | None = None) -> Compliance:
@@ -65,15 +75,15 @@ class Compliance:
             return self
         self.sag()
         other = copy(self)
-        other.anchors, other._known = Anchors.of(self.relaxation) if anchors is None else anchors, {}
+        other.anchors = anchors or Anchors.of(self.relaxation)
+        other._known, other._dents, other._fields = {}, {}, {}
         return other
 
     def of_grab(self, vertices: Indices) -> Array:
         """What a unit force on the centroid of some vertices moves, by axis of the force, (n, 3, 3), m/N."""
         key = vertices.tobytes()
         if key not in self._known:
-            if len(self._known) >= REMEMBERED:
-                self._known.pop(next(iter(self._known)))
+            _make_room(self._known)
             n = self.scene.mesh.n_vertices
             force = np.zeros((3, n, 3))
             for axis in range(3):
@@ -81,10 +91,51 @@ class Compliance:
             self._known[key] = np.stack([self.of(f) for f in force], axis=2)
         return self._known[key]
 
+    def dent(self, vertices: Indices) -> Dent:
+        """What a force on the centroid of some vertices does to the centroid itself.
+
+        Fields that are kept at anchors are too smooth for third derivatives: there the dent stays linear.
+        """
+        key = vertices.tobytes()
+        if key not in self._dents:
+            _make_room(self._dents)
+            fields, T = self.of_grab(vertices), self.relaxation.rest.tangents
+            C, second, coupling = fields[vertices].mean(axis=0), np.zeros((3, 3, 3)), np.zeros((T.shape[2], 3, 3))
+            if self.anchors is None:
+                forces = self._bending(vertices)[:, :, MATRIX] / self._softness
+                second = np.einsum("vaij,vak->ijk", forces, fields)
+                # warping has some of it
+                L = np.einsum("vij,vk->jik", T, self.arms(vertices))
+                warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ C
+                coupling = np.einsum("vaij,vak->kij", forces, T) - warped - warped.transpose(0, 2, 1)
+            self._dents[key] = Dent.of(C, second, coupling)
+        return self._dents[key]
+
+    def fields(self, vertices: Indices) -> Array:
+        """What a dent is made of, by `Dent.amounts`, (n, 3, 9): m/N of unit forces, then m/N² of their pairs.
+
+        Where the dent is linear only the former, (n, 3, 3).
+        """
+        if self.dent(vertices).linear:
+            return self.of_grab(vertices)
+        key = vertices.tobytes()
+        if key not in self._fields:
+            _make_room(self._fields)
+            forces = self._bending(vertices)
+            pairs = [self.of(forces[:, :, pair]) / self._softness for pair in range(6)]
+            self._fields[key] = np.concatenate([self.of_grab(vertices), np.stack(pairs, axis=2)], axis=2)
+        return self._fields[key]
+
+    def _bending(self, vertices: Indices) -> Array:
+        """Minus ∂³V/∂u³ along what unit forces move, of the solid that is not stiffened, (n, 3, 6)."""
+        forces: Array = -third_derivative(self.scene.elements, self.of_grab(vertices))
+        return forces
+
     def moved(self, vertices: Indices, u: Array, force: Array) -> Array:
         """What a force on the centroid of some vertices moves, (n, 3) metres, where the coordinates alone give u."""
         A = warp((self.scene.mesh.vertices + u).T @ self.arms(vertices))
-        field: Array = self.of_grab(vertices) @ (force @ A) @ A.T
+        amounts = self.dent(vertices).amounts(force @ A, self.relaxation.encode(u))
+        field: Array = self.fields(vertices) @ amounts @ A.T
         return field
 
     def sag(self, gravity: Array | None = None) -> Array:
@@ -114,6 +165,65 @@ class Compliance:
         arms = np.zeros_like(mesh.vertices)
         np.add.at(arms, near, places - places.mean(axis=1, keepdims=True))
         return arms @ np.linalg.inv(mesh.vertices.T @ arms)
+
+
+class Dent(NamedTuple):
+    """What a force f at one grab moves its centroid by, d = (C + N z) f + ½ D(f, f), in the solid's frame at rest.
+
+    The complementary energy to third order: D is minus ∂³V/∂u³ along what unit forces move, and N beside what warping
+    gives, minus that along two of these and the tangents at rest. Beyond changes of C by `MOST_CHANGED`, in the
+    Frobenius norm of C^-½ N z C^-½ and C^-½ D(f) C^-½, the law goes on along its tangent there: the next orders are not
+    known, and a compliance has to stay positive.
+
+    Attributes:
+        compliance: C, (3, 3) m/N.
+        coupling: N, (r, 3, 3) m/N by coordinate.
+        second: D, symmetric, (3, 3, 3) m/N².
+        root: C^-½, (3, 3).
+    """
+
+    compliance: Array
+    coupling: Array
+    second: Array
+    root: Array
+
+    @classmethod
+    def of(cls, compliance: Array, second: Array, coupling: Array) -> Dent:
+        """That of C, D and N."""
+        values, axes = np.linalg.eigh(0.5 * (compliance + compliance.T))
+        # what hardly gives way has no dent to speak of
+        roots = np.where(values > 1e-9 * abs(values).max(), np.abs(values), np.inf) ** -0.5
+        return cls(compliance, coupling, second, (axes * roots) @ axes.T)
+
+    @property
+    def linear(self) -> bool:
+        """Whether it is C f alone."""
+        return not (self.second.any() or self.coupling.any())
+
+    def amounts(self, force: Array, z: Array) -> Array:
+        """How much of each of `Compliance.fields` a force (3,), N, makes at coordinates z: (9,), N and N²."""
+        if self.linear:
+            return force
+        # the force whose dent at rest is as large as that of this one at z, to first order
+        single = force + self.root @ self.root @ self._change(z) @ force
+        at = self._limit(self.second @ force) * force
+        pairs = np.outer(at, force - 0.5 * at)
+        return np.concatenate([single, [pairs[i, j] if i == j else pairs[i, j] + pairs[j, i] for i, j in PAIRS]])
+
+    def _change(self, z: Array) -> Array:
+        change = np.tensordot(z, self.coupling, 1)
+        return np.asarray(self._limit(change) * change)
+
+    def _limit(self, change: Array) -> float:
+        """How much of a change of C is taken, at most 1."""
+        size = float(np.linalg.norm(self.root @ change @ self.root))
+        return min(1.0, MOST_CHANGED / size) if size > 0 else 1.0
+
+
+def _make_room(kept: dict[bytes, Any]) -> None:
+    """Forget the first of many grabs."""
+    if len(kept) >= REMEMBERED:
+        kept.pop(next(iter(kept)))
 
 
 def warp(F: Array) -> Array:

@@ -162,22 +162,23 @@ class ReducedStepper:
         u = compliance.sag(loads.gravity).copy()
         if not loads.grabs:
             return u
-        for grab, (force, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
-            u += compliance.of_grab(grab.vertices) @ force @ A.T
+        for grab, (amounts, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
+            u += compliance.fields(grab.vertices) @ amounts @ A.T
         return u
 
     def _pulling(self, q: Array, loads: Loads) -> list[tuple[Array, Array]]:
-        """Of each grab of a condensed space the force that its compliance at rest feels, N, and its warp A, (3, 3)."""
+        """Of each grab of a condensed space `Dent.amounts`, and its warp A, (3, 3)."""
         workspace = self._workspace()
         workspace.grab(loads.grabs, loads.gravity)
         warp(workspace.reference, q)
-        # what is left of the stretch of all springs in series with the compliance, as springs of unit stiffness
-        stretch = workspace.springs.target - workspace.springs.centre - workspace.springs.B @ q
-        forces = (workspace.series.pull @ stretch.ravel()).reshape(-1, 3)
-        return [(force @ A, A) for force, A in zip(forces, workspace.series.warps, strict=True)]
+        compliance, series = self.space.compliance, workspace.series
+        assert compliance is not None
+        laws = [compliance.dent(grab.vertices) for grab in loads.grabs]
+        pulls = zip(laws, series.forces.reshape(-1, 3), series.warps, strict=True)
+        return [(law.amounts(force @ A, q[: self.space.r]), A) for law, force, A in pulls]
 
     def _beside(self, state: ReducedState) -> float:
-        """The most that gravity and grabs can move beside the coordinates, in the mass norm: ‖A C f‖ ≤ ‖A‖ ‖C f‖."""
+        """The most that gravity and grabs can move beside the coordinates, in the mass norm: ‖A d‖ ≤ ‖A‖ ‖d‖."""
         workspace, loads = self._workspace(), state.loads
         sag = workspace.sag(loads.gravity)
         if not loads.grabs:

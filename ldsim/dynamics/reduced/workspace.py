@@ -59,11 +59,12 @@ class Workspace:
             self.series.target[3 * i : 3 * i + 3] = grab.target
 
     def dents(self) -> list[Array]:
-        """CᵀMC of what is held, (3, 3) each, kg m²/N²: how far a force on it moves a condensed solid, squared."""
+        """Products in the mass of the fields of each dent, (9, 9) or (3, 3): how far they move a condensed solid."""
         compliance, mass = self._space.compliance, self._space.scene.mass
         if self._dents is None and compliance is not None:
-            fields = [compliance.of_grab(vertices).reshape(-1, 9) for vertices in self.held]
-            self._dents = [np.einsum("nij,nik->jk", C.reshape(-1, 3, 3), (mass @ C).reshape(-1, 3, 3)) for C in fields]
+            fields = [compliance.fields(vertices) for vertices in self.held]
+            moved = [np.asarray(mass @ each.reshape(len(each), -1)).reshape(each.shape) for each in fields]
+            self._dents = [np.einsum("nij,nik->jk", *pair) for pair in zip(fields, moved, strict=True)]
         return self._dents or []
 
     def sag(self, gravity: Array | None) -> float:
