@@ -204,7 +204,7 @@ def _strains(elements: Elements, s: int, fields: Array, G: Array) -> float:
             for i in range(3):
                 for j in range(3):
                     G[f, 3 * i + j] += fields[v, i, f] * elements.gradients[s, a, j]
-    return np.sqrt((G**2).sum())
+    return float(np.sqrt((G**2).sum()))
 
 
 @njit(cache=True, inline="always")

@@ -32,7 +32,7 @@ from ldsim.space.sketch import sketched_modes
 from ldsim.space.space import Space
 
 # Pulls of a round's own runs.
-PULLS = 100
+PULLS = 1000
 # Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
 EXPLORING = 0.25
 

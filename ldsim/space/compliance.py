@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import polar
 
 from ldsim.arrays import Array, Indices
+from ldsim.jit import njit
 from ldsim.mechanics.elastic import PAIRS, third_derivative
 from ldsim.mechanics.scene import Scene
 from ldsim.space.anchors import Anchors
@@ -29,6 +30,8 @@ REMEMBERED = 64
 LEAST_STRETCH = 0.25
 # Most that a force, or the coordinates beside warping, change the compliance, a share of it.
 MOST_CHANGED = 0.5
+# Turned so far, rad, nothing of the coupling is left.
+TURNED = 0.4
 # Which of `PAIRS` an entry of a symmetric matrix is.
 MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
@@ -133,8 +136,9 @@ class Compliance:
 
     def moved(self, vertices: Indices, u: Array, force: Array) -> Array:
         """What a force on the centroid of some vertices moves, (n, 3) metres, where the coordinates alone give u."""
-        A = warp((self.scene.mesh.vertices + u).T @ self.arms(vertices))
-        amounts = self.dent(vertices).amounts(force @ A, self.relaxation.encode(u))
+        F, dent = (self.scene.mesh.vertices + u).T @ self.arms(vertices), self.dent(vertices)
+        A, share = warp(F), unturned(float(np.trace(polar(F)[0])))
+        amounts = dent.amounts(force @ A, dent.change(share, self.relaxation.encode(u[None])[0]))
         field: Array = self.fields(vertices) @ amounts @ A.T
         return field
 
@@ -200,19 +204,20 @@ class Dent(NamedTuple):
         """Whether it is C f alone."""
         return not (self.second.any() or self.coupling.any())
 
-    def amounts(self, force: Array, z: Array) -> Array:
-        """How much of each of `Compliance.fields` a force (3,), N, makes at coordinates z: (9,), N and N²."""
+    def amounts(self, force: Array, change: Array) -> Array:
+        """How much of each of `Compliance.fields` a force (3,), N, makes where C has changed: (9,), N and N²."""
         if self.linear:
             return force
-        # the force whose dent at rest is as large as that of this one at z, to first order
-        single = force + self.root @ self.root @ self._change(z) @ force
+        # the force whose dent at rest is as large as that of this one, to first order
+        single = force + self.root @ self.root @ change @ force
         at = self._limit(self.second @ force) * force
         pairs = np.outer(at, force - 0.5 * at)
         return np.concatenate([single, [pairs[i, j] if i == j else pairs[i, j] + pairs[j, i] for i, j in PAIRS]])
 
-    def _change(self, z: Array) -> Array:
+    def change(self, share: float, z: Array) -> Array:
+        """A share of N z, or less, (3, 3) m/N."""
         change = np.tensordot(z, self.coupling, 1)
-        return np.asarray(self._limit(change) * change)
+        return np.asarray(share * self._limit(change) * change)
 
     def _limit(self, change: Array) -> float:
         """How much of a change of C is taken, at most 1."""
@@ -224,6 +229,15 @@ def _make_room(kept: dict[bytes, Any]) -> None:
     """Forget the first of many grabs."""
     if len(kept) >= REMEMBERED:
         kept.pop(next(iter(kept)))
+
+
+@njit(cache=True)
+def unturned(trace: float) -> float:
+    """What share of N z holds where a place has turned, by the trace of its rotation R, 1 + 2 cos θ.
+
+    N is of strains, and linear coordinates see strain in what has only turned, ½ θ² of it.
+    """
+    return max(1 - (3 - trace) / TURNED**2, 0.0) ** 2
 
 
 def warp(F: Array) -> Array:

@@ -7,11 +7,13 @@ import pytest
 from numpy.typing import NDArray
 
 from ldsim.mechanics.elastic import (
+    PAIRS,
     add_elastic_gradient,
     deformation_gradient,
     elastic_energy,
     point_stresses,
     smallest_volume_ratio,
+    third_derivative,
     vertex_rotations,
 )
 from ldsim.mechanics.materials import MATERIALS
@@ -93,6 +95,21 @@ def test_the_stiffness_is_symmetric_and_positive_semidefinite_once_clamped(body:
     K = stiffness(body, u, clamp=True)
     np.testing.assert_allclose(K, K.T, atol=1e-12 * np.abs(K).max())
     assert np.linalg.eigvalsh(K).min() > -1e-11 * np.abs(K).max()
+
+
+def test_the_third_derivative_at_rest_is_the_second_difference_of_the_gradient(body: Scene) -> None:
+    fields = np.random.default_rng(7).normal(size=(body.mesh.n_vertices, 3, 3))
+    found = third_derivative(body.elements, fields)
+
+    def bent(field: Array) -> Array:
+        h = 1e-4 / np.abs(field).max()
+        return np.asarray(gradient(body, h * field) - 2 * gradient(body, 0 * field) + gradient(body, -h * field)) / h**2
+
+    scale = np.abs(found).max()
+    for pair, (i, j) in enumerate(PAIRS):
+        a, b = fields[:, :, i], fields[:, :, j]
+        expected = bent(a) if i == j else 0.5 * (bent(a + b) - bent(a) - bent(b))
+        np.testing.assert_allclose(found[:, :, pair], expected, atol=1e-4 * scale + 1e-7)
 
 
 def test_elastic_forces_have_no_resultant(body: Scene) -> None:

@@ -108,6 +108,12 @@ def condensed(material: str = "neo_hookean") -> Space:
     return Space("latent", solid, basis, decoder, IDENTITY, rule, compliance=compliance)
 
 
+def with_linear_dents(space: Space) -> Space:
+    """A condensed space whose compliance is kept at anchors, as many as free vertices, as the C library has it."""
+    assert space.compliance is not None
+    return replace(space, compliance=space.compliance.anchored())
+
+
 def anchored(space: Space, count: int = 30) -> Space:
     """A condensed space whose compliance is kept at fewer anchors than it has free vertices."""
     assert space.compliance is not None and count < len(space.scene.free) / 2
@@ -127,7 +133,7 @@ def with_moving_pins() -> Space:
 
 SPACES: dict[str, Callable[[], Space]] = {f"latent {name}": partial(latent, name) for name in MATERIALS}
 SPACES |= {f"linear {name}": partial(linear, name) for name in MATERIALS}
-SPACES |= {f"condensed {name}": partial(condensed, name) for name in MATERIALS}
+SPACES |= {f"condensed {name}": lambda name=name: with_linear_dents(condensed(name)) for name in MATERIALS}
 SPACES |= {"condensed at few anchors": lambda: anchored(condensed())}
 SPACES |= {f"latent {name}": partial(latent, decoder=curved(name)) for name in ACTIVATIONS}
 SPACES |= {

@@ -12,19 +12,22 @@ import pytest
 from scipy.linalg import block_diag, eigh
 from scipy.spatial.transform import Rotation
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
+from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.potential import Springs
-from ldsim.dynamics.reduced.warped import InSeries, warp_springs
+from ldsim.dynamics.reduced.warped import warp_springs
 from ldsim.errors import SolverError
+from ldsim.mechanics.elastic import add_elastic_gradient
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.shapes import beam as beam_mesh
 from ldsim.space.basis import Basis
-from ldsim.space.compliance import Compliance, warp
+from ldsim.space.compliance import MOST_CHANGED, Compliance, warp
 from ldsim.space.relaxation import Relaxation, Relaxed
 from tests.helpers import derivative_order, order, scene, uniform_scene
 
@@ -143,7 +146,8 @@ def test_what_a_force_moves_beside_the_coordinates_leaves_them_alone(relaxation:
 def test_the_compliance_where_a_solid_has_turned_is_that_of_the_solid_made_turned(relaxation: Relaxation) -> None:
     body, V = relaxation.scene, relaxation.coordinates
     x, R = body.mesh.vertices, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    vertices, force = np.flatnonzero(x[:, 0] > 0.29)[:3], np.array([1.0, -2.0, 0.5])
+    # so weak that it is linear
+    vertices, force = np.flatnonzero(x[:, 0] > 0.29)[:3], 1e-10 * np.array([1.0, -2.0, 0.5])
     found = Compliance(body, V).moved(vertices, x @ R.T - x, force)
     turned = uniform_scene(
         replace(body.mesh, vertices=x @ R.T), body.pinned, youngs_modulus=1e5, poisson_ratio=0.4, gravity=(0, 0, 0)
@@ -168,8 +172,9 @@ def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(
     np.testing.assert_allclose(series.warps, by_hand, atol=1e-9)
     assert np.linalg.norm(series.warps[0] - np.eye(3)) > 0.1
     turn = block_diag(*by_hand)
-    flexible = np.eye(6) / 80.0 + turn @ space.compliance.between(held) @ turn.T
-    stretch = targets - np.concatenate([(x + u)[each].mean(axis=0) for each in held])
+    flexible = np.eye(6) / 80.0 + turn @ (space.compliance.between(held) + block_diag(*series.changes)) @ turn.T
+    stretch = targets - np.concatenate([(x + u)[each].mean(axis=0) for each in held]) + series.aside
+    assert np.abs(series.changes).max() > 0.01 * np.abs(space.compliance.between(held)).max() and series.aside.any()
     forces = series.pull @ (springs.target - springs.centre - springs.B @ q).ravel()
     np.testing.assert_allclose(flexible @ forces, stretch, rtol=1e-9)
 
@@ -180,6 +185,94 @@ def test_the_compliance_of_a_stiffer_solid_is_that_of_the_solid_made_stiffer(rel
     made = Compliance(relaxation.scene.stiffened(2.5), relaxation.coordinates)
     np.testing.assert_allclose(scaled.of(force), made.of(force), rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(scaled.sag(), made.sag(), rtol=1e-9, atol=1e-15)
+    held, pull = np.flatnonzero(relaxation.scene.mesh.vertices[:, 0] > 0.29)[:3], np.array([0.5, 1.0, -0.3])
+    u = relaxation.rest.tangents @ np.full(relaxation.r, 0.01)
+    np.testing.assert_allclose(scaled.moved(held, u, pull), made.moved(held, u, pull), rtol=1e-6, atol=1e-12)
+
+
+def in_equilibrium(relaxation: Relaxation, vertices: Indices, force: Array) -> Array:
+    """What a force on the centroid moves where the coordinates are held at zero, by Newton's method, (n, 3)."""
+    body = relaxation.scene
+    _, M, unknown = rest_matrices(body)
+    W, load = relaxation.coordinates.matrix[unknown].T @ M, np.zeros((body.mesh.n_vertices, 3))
+    load[vertices] = force / len(vertices)
+    u, none = np.zeros(load.size), np.zeros((len(W), len(W)))
+    for _ in range(8):
+        out = -load
+        add_elastic_gradient(body.elements, u.reshape(load.shape), out)
+        K = relaxation.stiffness(u.reshape(load.shape)).toarray()[np.ix_(unknown, unknown)]
+        right = np.concatenate([-out.ravel()[unknown], -W @ u[unknown]])
+        u[unknown] += np.linalg.solve(np.block([[K, W.T], [W, none]]), right)[: len(unknown)]
+    return np.asarray(u.reshape(load.shape))
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_a_dent_is_exact_to_second_order_in_its_force(material: str) -> None:
+    body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
+    relaxation = Relaxation(body, modes(body, 3))
+    compliance = Compliance(body, relaxation.coordinates)
+    vertices = np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
+    unit = np.array([2.0, 1.0, 2.0]) / 3
+    sizes = np.array([0.5, 1.0, 2.0]) * 2e-3 / np.linalg.norm(compliance.dent(vertices).compliance @ unit)
+    errors = []
+    for size in sizes:
+        exact = in_equilibrium(relaxation, vertices, size * unit)
+        found = compliance.moved(vertices, np.zeros_like(exact), size * unit)
+        linear = compliance.of_grab(vertices) @ (size * unit)
+        errors.append(np.abs(found - exact).max())
+        # the centroid's is that of the law that the springs have
+        dent = compliance.dent(vertices)
+        law = dent.compliance @ (size * unit) + 0.5 * dent.second @ (size * unit) @ (size * unit)
+        np.testing.assert_allclose(found[vertices].mean(axis=0), law, rtol=1e-6)
+    if material == "linear":
+        assert errors[-1] < 1e-9 * np.abs(exact).max()
+    else:
+        assert order(errors, sizes) > 2.7
+        assert errors[-1] < 0.2 * np.abs(linear - exact).max()
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_where_the_coordinates_have_moved_the_compliance_is_exact_to_first_order(material: str) -> None:
+    body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
+    relaxation = Relaxation(body, modes(body, 3))
+    compliance = Compliance(body, relaxation.coordinates)
+    vertices = np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
+    dent, sizes, errors, left = compliance.dent(vertices), np.array([0.02, 0.04, 0.08]), [], []
+    _, M, unknown = rest_matrices(body)
+    W, load = relaxation.coordinates.matrix[unknown].T @ M, np.zeros((*body.mesh.vertices.shape, 3))
+    load[vertices] = np.eye(3) / len(vertices)
+    for size in sizes:
+        pose = relaxation(size * bent_z(relaxation))
+        K = relaxation.stiffness(pose.u).toarray()[np.ix_(unknown, unknown)]
+        right = np.vstack([load.reshape(-1, 3)[unknown], np.zeros((len(W), 3))])
+        moved = np.linalg.solve(np.block([[K, W.T], [W, np.zeros((len(W), len(W)))]]), right)[: len(unknown)]
+        exact = load.reshape(-1, 3)[unknown].T @ moved
+        F = (body.mesh.vertices + pose.u).T @ compliance.arms(vertices)
+        A = warp(F)
+        errors.append(np.abs(A @ (dent.compliance + dent.change(1.0, pose.z)) @ A.T - exact).max())
+        left.append(np.abs(A @ dent.compliance @ A.T - exact).max())
+    assert order(errors, sizes) > 1.8
+    assert errors[0] < 0.3 * left[0]
+
+
+def test_beyond_what_third_derivatives_tell_a_dent_goes_on_along_its_tangent(relaxation: Relaxation) -> None:
+    compliance = Compliance(relaxation.scene, relaxation.coordinates)
+    dent = compliance.dent(np.flatnonzero(relaxation.scene.mesh.vertices[:, 0] > 0.29)[:3])
+    unit = np.array([0.0, 0.6, 0.8])
+    changed = np.linalg.norm(dent.root @ (dent.second @ unit) @ dent.root)
+    size = MOST_CHANGED / changed  # of the force whose change is the most that is taken
+
+    def moved(force: Array) -> Array:
+        amounts = dent.amounts(force, np.zeros((3, 3)))
+        pairs = 0.5 * dent.second[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        return np.asarray(dent.compliance @ amounts[:3] + 2 * pairs @ amounts[3:])
+
+    def slope(times: float) -> Array:
+        return (moved((times + 1e-5) * size * unit) - moved((times - 1e-5) * size * unit)) / (2e-5 * size)
+
+    np.testing.assert_allclose(slope(1.5), slope(3.0), rtol=1e-6)
+    np.testing.assert_allclose(slope(0.999), slope(1.5), rtol=1e-2)
+    np.testing.assert_allclose(slope(0.5), (dent.compliance + 0.5 * size * dent.second @ unit) @ unit, rtol=1e-6)
 
 
 def test_statics_under_a_grab_are_those_of_the_full_space_to_first_order() -> None:

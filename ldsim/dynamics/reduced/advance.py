@@ -13,10 +13,11 @@ from numba.core import types
 from numba.experimental import structref
 
 from ldsim.arrays import Array
+from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import Exchange, Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
 from ldsim.dynamics.reduced.state import fields
-from ldsim.dynamics.reduced.warped import InSeries, warp_springs
+from ldsim.dynamics.reduced.warped import warp_springs
 from ldsim.jit import njit
 
 

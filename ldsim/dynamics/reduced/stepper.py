@@ -174,8 +174,8 @@ class ReducedStepper:
         compliance, series = self.space.compliance, workspace.series
         assert compliance is not None
         laws = [compliance.dent(grab.vertices) for grab in loads.grabs]
-        pulls = zip(laws, series.forces.reshape(-1, 3), series.warps, strict=True)
-        return [(law.amounts(force @ A, q[: self.space.r]), A) for law, force, A in pulls]
+        pulls = zip(laws, series.forces.reshape(-1, 3), series.warps, series.coupled, strict=True)
+        return [(law.amounts(force @ A, coupled), A) for law, force, A, coupled in pulls]
 
     def _beside(self, state: ReducedState) -> float:
         """The most that gravity and grabs can move beside the coordinates, in the mass norm: ‖A d‖ ≤ ‖A‖ ‖d‖."""

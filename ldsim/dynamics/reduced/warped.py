@@ -7,8 +7,9 @@ does to stiffness (Müller et al. 2002, "Stable real-time deformations"); and wh
 R U^½ of the deformation gradient F = R U around it (`space.compliance.warp`). It is that of the state in which a step
 begins.
 
-To the next order C changes with the coordinates z, the first of q, and with the force, d = (C + N z) f + ½ D(f, f)
-(space/compliance.py, `Dent`). A step sees the tangent at the force f₀ with which it begins: C + N z + D f₀ for C, and ½ A D(f₀, f₀) less of the way.
+To the next order C changes with the coordinates z, the first of q, and with the force itself (space/compliance.py,
+`Dent`), d = (C + N z) f + ½ D(f, f). A step sees the tangent of that at the force f₀ with which it begins: C + N z +
+D f₀ for C, and a way that is longer by ½ A D(f₀, f₀).
 
 The spring holds the solid by the end of the dent x = A d that it makes, and A d moves with q as well: that is a lever
 on which the force turns and stretches the solid, H = ∂(A d)/∂q at fixed d. With L_j = ∂F/∂q_j F⁻¹, to first order in
@@ -19,101 +20,18 @@ N_j Aᵀ f beside it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
-
-import numpy as np
 
 from ldsim.arrays import Array
+from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import cholesky
 from ldsim.dynamics.reduced.potential import Springs
 from ldsim.jit import kernel
-from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.materials.tensors import Matrix, product_transposed, signed_svd
-from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED
+from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, unturned
 from ldsim.space.decoder import REASSOCIATE
-from ldsim.space.space import Space
 
 # Newton steps for the forces of bent laws.
 BENT_STEPS = 3
-
-
-class InSeries(NamedTuple):
-    """What some grabs have as long as they hold the same vertices.
-
-    B (3g, k) and centre (3g,): c(q) = centre + B q, metres, of all centroids. compliance (3g, 3g): B C Bᵀ at rest, m/N.
-    softness (3g,): 1/k. gradient (g, 3, 3, k): F = I + gradient q of the cells around (`Compliance.arms`). target
-    (3g,): metres, to be written. coupling (g, r, 3, 3), second (g, 3, 3, 3) and root (g, 3, 3): of `Dent`; linear:
-    whether the first two are zero. Written by `warp_springs`: A and F⁻¹ of each grab, warps and inverses (g, 3, 3);
-    shares (g,), how much of N is taken; changes (g, 3, 3), N z + D f₀, and bent
-    (g, 3, 3), the latter, m/N; bodies (g, 3), f₀ = Aᵀ f, N, and aside
-    (3g,), what the tangent there leaves out, metres; dents (3g,), metres; levers (3g, k), B + H; base (3g,), what the
-    centre is then, metres; forces (3g,), N; the pull (3g, 3g) = L⁻ᵀ, which makes forces of the stretch of the unit
-    springs, and factor (3g, 3g), of L.
-    """
-
-    B: Array
-    centre: Array
-    compliance: Array
-    softness: Array
-    gradient: Array
-    coupling: Array
-    second: Array
-    root: Array
-    linear: bool
-    target: Array
-    warps: Array
-    inverses: Array
-    shares: Array
-    changes: Array
-    bent: Array
-    bodies: Array
-    aside: Array
-    dents: Array
-    forces: Array
-    levers: Array
-    base: Array
-    pull: Array
-    factor: Array
-
-    @classmethod
-    def none(cls, k: int) -> InSeries:
-        """Where there is no grab, or no compliance."""
-        shapes = (0, k), (0,), (0, 0), (0,), (0, 3, 3, k), (0, 0, 3, 3), (0, 3, 3, 3), (0, 3, 3)
-        return cls(*map(np.zeros, shapes), True, *_written(0, k))
-
-    @classmethod
-    def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> InSeries:
-        """Those of a condensed space under some gravity, the scene's where it is left out."""
-        compliance = space.compliance
-        assert compliance is not None
-        U, rest, held = space.reduced_basis.fields, space.scene.mesh.vertices, [grab.vertices for grab in grabs]
-        sunk = rest + compliance.sag(gravity)
-        arms = [compliance.arms(vertices) for vertices in held]
-        near = [np.flatnonzero(each.any(axis=1)) for each in arms]
-        gradient = [np.einsum("vik,vj->ijk", U[some], each[some]) for some, each in zip(near, arms, strict=True)]
-        laws = [compliance.dent(vertices) for vertices in held]
-        coupling, second, root = (np.stack([law[i] for law in laws]) for i in (1, 2, 3))
-        return cls(
-            np.concatenate([U[vertices].mean(axis=0) for vertices in held]),
-            np.concatenate([sunk[vertices].mean(axis=0) for vertices in held]),
-            compliance.between(held),
-            np.repeat([1 / grab.stiffness for grab in grabs], 3),
-            np.stack(gradient),
-            coupling,
-            second,
-            root,
-            not (coupling.any() or second.any()),
-            *_written(len(held), U.shape[2]),
-        )
-
-
-def _written(count: int, k: int) -> list[Array]:
-    """Room for the target and for all that `warp_springs` writes, of some grabs."""
-    n = 3 * count
-    small, each = (count, 3, 3), (n,)
-    shapes = each, small, small, (count,), small, small, (count, 3), each, each, each, (n, k), each, (n, n), (n, n)
-    return [np.zeros(shape) for shape in shapes]
 
 
 @kernel()
@@ -125,13 +43,14 @@ def warp_springs(series: InSeries, q: Array, springs: Springs) -> None:
     """
     for g in range(series.warps.shape[0]):
         _warp(series, g, q)
-        _couple(series, g, q)
+        if not series.linear:
+            _couple(series, g, q)
     series.aside[:] = 0.0
     _aim(series, q)
-    # Newton's method for the forces, from the linear law; three steps end at rounding where dents are a fifth off it
+    # Newton's method for the forces, from the law that is linear in them
     for _ in range(0 if series.linear else BENT_STEPS):
         for g in range(series.warps.shape[0]):
-            _bend(series, g, q)
+            _bend(series, g)
         _aim(series, q)
     for g in range(series.warps.shape[0]):
         _lever(series, g, q)
@@ -163,23 +82,23 @@ def _aim(series: InSeries, q: Array) -> None:
 @kernel()
 def _couple(series: InSeries, g: int, q: Array) -> None:
     """How one grab's C changes with the coordinates: N z, as much of it as is taken."""
-    N, change = series.coupling, series.changes
+    N, coupled = series.coupling, series.coupled
     for i in range(3):
         for j in range(3):
-            change[g, i, j] = 0.0
+            coupled[g, i, j] = 0.0
             for f in range(N.shape[1]):
-                change[g, i, j] += q[f] * N[g, f, i, j]
-    series.shares[g] = _limit(series.root, change, g)
+                coupled[g, i, j] += q[f] * N[g, f, i, j]
+    series.shares[g] *= _limit(series.root, coupled, g)
     for i in range(3):
         for j in range(3):
-            change[g, i, j] *= series.shares[g]
+            coupled[g, i, j] *= series.shares[g]
+            series.changes[g, i, j] = coupled[g, i, j]
 
 
 @kernel()
-def _bend(series: InSeries, g: int, q: Array) -> None:
+def _bend(series: InSeries, g: int) -> None:
     """The tangent of one grab's law at the force that it has: D f₀ beside N z, and ½ A D(f₀, f₀)."""
     A, D, f, change = series.warps, series.second, series.bodies, series.changes
-    _couple(series, g, q)
     for a in range(3):
         f[g, a] = 0.0
         for i in range(3):
@@ -194,7 +113,7 @@ def _bend(series: InSeries, g: int, q: Array) -> None:
     for a in range(3):
         beside = 0.0
         for b in range(3):
-            change[g, a, b] += taken * bent[g, a, b]
+            change[g, a, b] = series.coupled[g, a, b] + taken * bent[g, a, b]
             beside += 0.5 * taken**2 * bent[g, a, b] * f[g, b]
         for i in range(3):
             series.aside[3 * g + i] += A[g, i, a] * beside
@@ -231,6 +150,8 @@ def _warp(series: InSeries, g: int, q: Array) -> None:
         j += v * T[g, 2, 1, f]
         k += v * T[g, 2, 2, f]
     P, (x, y, z), V = signed_svd((a, b, c, d, e, h, i, j, k))
+    R = product_transposed(P, V)
+    series.shares[g] = unturned(R[0] + R[4] + R[8])
     x, y, z = max(x, LEAST_STRETCH), max(y, LEAST_STRETCH), max(z, LEAST_STRETCH)
     A = product_transposed(_scaled(P, math.sqrt(x), math.sqrt(y), math.sqrt(z)), V)
     inverse = product_transposed(_scaled(V, 1 / x, 1 / y, 1 / z), P)

@@ -9,9 +9,9 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.dynamics.reduced.advance import StepReference, step_reference
+from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import Minimisation
 from ldsim.dynamics.reduced.potential import Reduced, Springs, make_work
-from ldsim.dynamics.reduced.warped import InSeries
 from ldsim.mechanics.grabs import Grab
 from ldsim.space.space import Space
 
