@@ -62,7 +62,7 @@ cubature:
 simulate:
   # the error that is stated: pulls like these, which nothing else has seen; for 95 % at 95 % confidence it is the worst
   # of 59, the second of 93, the third of 124
-  statement: {{motions: 93, pulls: {{count: 1, seed: 7, rest: 20, {pulls}}}}}
+  statement: {{motions: 93, pulls: {{count: 1, seed: 8, rest: 20, {pulls}}}}}
 """
 
 
