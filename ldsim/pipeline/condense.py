@@ -31,8 +31,8 @@ from ldsim.space.relaxation import Relaxation
 from ldsim.space.sketch import sketched_modes
 from ldsim.space.space import Space
 
-# Pulls of a round's own runs.
-PULLS = 1000
+# Pulls of a round's own runs for each pose that is taken of them: to step a pull costs less than to relax a pose.
+PULLS = 4
 # Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
 EXPLORING = 0.25
 
@@ -108,9 +108,10 @@ class _Work:
     def _own_frames(self, space: Space, number: int) -> Array:
         """Coordinates of the frames of its own runs, (f, r)."""
         run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
-        pulls = covering_pulls(f"round {number + 1}", run.scene, motions, PULLS, self.options.seed + 1 + number)
+        count, seed = PULLS * self.options.condensed.explored, self.options.seed + 1 + number
+        pulls = covering_pulls(f"round {number + 1}", run.scene, motions, count, seed)
         with self.progress.bar(f"train: own pulls {number + 1}", pulls.frames, "frame") as bar:
-            q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // PULLS)
+            q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // count)
         return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
 
     def fit(self, number: int, steps: int) -> tuple[Condensed, Basis]:

@@ -50,7 +50,8 @@ class Workspace:
 
     def _grab_in_series(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
         stiffness = [grab.stiffness for grab in grabs]
-        if self.series is self._loose or self._made_for[0] is not gravity or self._made_for[1] != stiffness:
+        same = _same_gravity(self._made_for[0], gravity) and self._made_for[1] == stiffness
+        if self.series is self._loose or not same:
             self._made_for = gravity, stiffness
             self.series = InSeries.of(self._space, grabs, gravity)
             self.springs.stiffness[:] = 1.0
@@ -69,7 +70,7 @@ class Workspace:
 
     def sag(self, gravity: Array | None) -> float:
         """How far weight moves a condensed solid beside its coordinates, in the mass norm, kg^½ m."""
-        if self._sag is None or self._sag[0] is not gravity:
+        if self._sag is None or not _same_gravity(self._sag[0], gravity):
             u = np.zeros((0, 3)) if self._space.compliance is None else self._space.compliance.sag(gravity)
             self._sag = gravity, float(np.sqrt(np.vdot(u, self._space.scene.mass @ u))) if len(u) else 0.0
         return self._sag[1]
@@ -84,6 +85,11 @@ class Workspace:
 
     def _reference(self) -> StepReference:
         return step_reference(self.model, self.springs, self._minimisation, self.work, self.series)
+
+
+def _same_gravity(left: Array | None, right: Array | None) -> bool:
+    """Whether both are alike; a motion that turns gravity has another array for each frame."""
+    return left is right or (left is not None and right is not None and np.array_equal(left, right))
 
 
 def same_arrays(left: Sequence[Indices], right: Sequence[Indices]) -> bool:
