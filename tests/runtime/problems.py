@@ -108,8 +108,9 @@ def condensed(material: str = "neo_hookean") -> Space:
     return Space("latent", solid, basis, decoder, IDENTITY, rule, compliance=compliance)
 
 
-def with_linear_dents(space: Space) -> Space:
+def with_linear_dents(material: str) -> Space:
     """A condensed space whose compliance is kept at anchors, as many as free vertices, as the C library has it."""
+    space = condensed(material)
     assert space.compliance is not None
     return replace(space, compliance=space.compliance.anchored())
 
@@ -133,7 +134,7 @@ def with_moving_pins() -> Space:
 
 SPACES: dict[str, Callable[[], Space]] = {f"latent {name}": partial(latent, name) for name in MATERIALS}
 SPACES |= {f"linear {name}": partial(linear, name) for name in MATERIALS}
-SPACES |= {f"condensed {name}": lambda name=name: with_linear_dents(condensed(name)) for name in MATERIALS}
+SPACES |= {f"condensed {name}": partial(with_linear_dents, name) for name in MATERIALS}
 SPACES |= {"condensed at few anchors": lambda: anchored(condensed())}
 SPACES |= {f"latent {name}": partial(latent, decoder=curved(name)) for name in ACTIVATIONS}
 SPACES |= {
