@@ -139,7 +139,7 @@ def test_a_round_runs_the_model_itself_under_loads_that_no_motion_had(condensed:
         z = work._own_frames(run.space("latent"), 0)
         drags = run.recorded("a").motion.drags
         frames = 2 * int(np.median([len(drag.targets) for drag in drags]))
-        assert z.shape == (condense.PULLS * frames, 3)  # not a frame was lost
+        assert z.shape == (condense.PULLS * options.condensed.explored * frames, 3)  # not a frame was lost
         # each run starts at rest
         first = np.linalg.norm(z[::frames], axis=1)
         assert (first < 0.5 * np.linalg.norm(z, axis=1).max()).all()
