@@ -190,6 +190,12 @@ def test_the_compliance_of_a_stiffer_solid_is_that_of_the_solid_made_stiffer(rel
     np.testing.assert_allclose(scaled.moved(held, u, pull), made.moved(held, u, pull), rtol=1e-6, atol=1e-12)
 
 
+def held_end(material: str) -> tuple[Compliance, Indices]:
+    """The compliance of a beam of three coordinates, and vertices at its end to be pulled at."""
+    body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
+    return Compliance(body, modes(body, 3)), np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
+
+
 def in_equilibrium(relaxation: Relaxation, vertices: Indices, force: Array) -> Array:
     """What a force on the centroid moves where the coordinates are held at zero, by Newton's method, (n, 3)."""
     body = relaxation.scene
@@ -208,15 +214,12 @@ def in_equilibrium(relaxation: Relaxation, vertices: Indices, force: Array) -> A
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_a_dent_is_exact_to_second_order_in_its_force(material: str) -> None:
-    body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
-    relaxation = Relaxation(body, modes(body, 3))
-    compliance = Compliance(body, relaxation.coordinates)
-    vertices = np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
+    compliance, vertices = held_end(material)
     unit = np.array([2.0, 1.0, 2.0]) / 3
     sizes = np.array([0.5, 1.0, 2.0]) * 2e-3 / np.linalg.norm(compliance.dent(vertices).compliance @ unit)
     errors = []
     for size in sizes:
-        exact = in_equilibrium(relaxation, vertices, size * unit)
+        exact = in_equilibrium(compliance.relaxation, vertices, size * unit)
         found = compliance.moved(vertices, np.zeros_like(exact), size * unit)
         linear = compliance.of_grab(vertices) @ (size * unit)
         errors.append(np.abs(found - exact).max())
@@ -233,11 +236,9 @@ def test_a_dent_is_exact_to_second_order_in_its_force(material: str) -> None:
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_where_the_coordinates_have_moved_the_compliance_is_exact_to_first_order(material: str) -> None:
-    body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
-    relaxation = Relaxation(body, modes(body, 3))
-    compliance = Compliance(body, relaxation.coordinates)
-    vertices = np.flatnonzero(body.mesh.vertices[:, 0] > 0.29)[:2]
-    dent, sizes, errors, left = compliance.dent(vertices), np.array([0.02, 0.04, 0.08]), [], []
+    compliance, vertices = held_end(material)
+    relaxation, body, dent = compliance.relaxation, compliance.scene, compliance.dent(vertices)
+    sizes, errors, left = np.array([0.02, 0.04, 0.08]), [], []
     _, M, unknown = rest_matrices(body)
     W, load = relaxation.coordinates.matrix[unknown].T @ M, np.zeros((*body.mesh.vertices.shape, 3))
     load[vertices] = np.eye(3) / len(vertices)
