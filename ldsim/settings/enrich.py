@@ -24,9 +24,10 @@ from ldsim.settings.make import make
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
 # else what is learned from does not show what the others do.
 POOR = 0.5
-# A few pulls are judged, and many are stated: the worst of ten is some 90th percentile, and the 95th is stated, at 95 %
-# confidence. So rounds go on, as long as there is time, until the few hold this share of the error that is asked for.
-MARGIN = 0.6
+# A few pulls are judged, and many are stated: the worst of thirty is some 97th percentile, the second worst of 93, which
+# is stated for 95 % at 95 % confidence, some 98th. So rounds go on, as long as there is time, until the few hold this
+# share of the error that is asked for.
+MARGIN = 0.8
 # Rounds of own runs and coordinates that are added at once, and the most coordinates and widest layers.
 MORE, FURTHER, MOST, WIDEST = 2, 4, 24, 128
 # More of the same is not asked for where the last turn left more than this share of the error.

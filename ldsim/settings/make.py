@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from types import MappingProxyType
 
@@ -35,6 +36,9 @@ MAKES = {
 # Motions of the role test, and who reads them.
 TESTS, JUDGES = "tests", ("simulate", "report")
 REPORT = Path("report") / "report.json"
+# Stages without a reduced step, which is compiled beside them, once on a machine.
+WITHOUT_STEPS = ("mesh", "snapshot")
+AHEAD = "ldsim.dynamics.reduced.ahead"
 # Status of a stage whose artefact is whole but misses a tolerance, which is told; no reason to stop.
 MISSED = 3
 # A note of a header: the files outside the run that it was made from.
@@ -163,12 +167,13 @@ def make(
     """
     settings = load_settings(config)
     ran: dict[str, str] = {}
-    with Run(runs / settings.experiment, settings.experiment) as run:
+    with Run(runs / settings.experiment, settings.experiment) as run, compiled_ahead() as ahead:
         known = Staleness(run, settings, config.parent)
         for stage in up_to(until):
             reasons = known.reasons(stage)  # all that comes before it is as it should be by now
             if not reasons:
                 continue
+            ahead(stage)
             reason = next(iter(reasons.values()))
             say(f"{stage}: stage {STAGES.index(stage) + 1} of {len(STAGES)}, {MAKES[stage]} ({reason})")
             command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs), *flags.get(stage, ())]
@@ -178,6 +183,27 @@ def make(
             known.written(stage)
             ran[stage] = reason
     return ran
+
+
+@contextlib.contextmanager
+def compiled_ahead() -> Iterator[Callable[[str], None]]:
+    """Yields what is told of each stage before it runs: the first without a reduced step begins to compile it in a
+    process of its own, and the first that takes such steps waits for that, for it would compile the same."""
+    compiling = list[subprocess.Popen[bytes]]()
+
+    def before(stage: str) -> None:
+        if stage not in WITHOUT_STEPS:
+            for process in compiling:
+                process.wait()
+        elif not compiling:
+            compiling.append(subprocess.Popen([sys.executable, "-m", AHEAD], stderr=subprocess.DEVNULL))
+
+    try:
+        yield before
+    finally:
+        for process in compiling:
+            process.kill()
+            process.wait()
 
 
 class StageFailed(Exception):

@@ -48,7 +48,7 @@ snapshot:
     - {{name: pulls_1, role: train, pulls: {{count: 10, seed: 1, {pulls}}}}}
     - {{name: pulls_2, role: train, pulls: {{count: 10, seed: 2, {pulls}}}}}
     # never learned from: `ldsim make --error` is judged by each of these
-    - {{name: others, role: validation, pulls: {{count: 10, seed: 3, rest: 20, {pulls}}}}}
+    - {{name: others, role: validation, pulls: {{count: 30, seed: 3, rest: 20, {pulls}}}}}
     - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
 pca:
   k: {columns}
