@@ -56,6 +56,17 @@ def source_state(path: Path, package: Path = PACKAGE) -> str:
     return digest.hexdigest()[:16]
 
 
+def kernels_of(path: Path) -> Path:
+    """The folder of the kernels of a source file, as it and what it imports are now."""
+    checked = "-checked" if numba.config.BOUNDSCHECK else ""  # type: ignore[attr-defined]
+    return kernel_cache() / f"{path.stem}-{source_state(path)}{checked}"
+
+
+def are_kept(path: Path) -> bool:
+    """Whether there is machine code of a source file of this package from before."""
+    return any(kernels_of(path).glob("*.nbc"))
+
+
 def forget_unused(root: Path) -> None:
     """Delete the folders of kernels that nobody used for a month."""
     with contextlib.suppress(OSError):
@@ -80,8 +91,7 @@ class SourceLocator(_CacheLocator):
         path = Path(py_file)
         if "NUMBA_CACHE_DIR" in os.environ or not path.is_relative_to(PACKAGE):
             return None
-        checked = "-checked" if numba.config.BOUNDSCHECK else ""  # type: ignore[attr-defined]
-        folder = kernel_cache() / f"{path.stem}-{source_state(path)}{checked}"
+        folder = kernels_of(path)
         try:
             if not folder.is_dir():
                 folder.mkdir(parents=True)

@@ -13,6 +13,8 @@ from types import MappingProxyType
 import yaml
 
 from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
+from ldsim.dynamics.reduced import advance
+from ldsim.jit import are_kept
 from ldsim.options import Options
 from ldsim.pipeline.files import file_sums
 from ldsim.report.schema import check_report
@@ -167,7 +169,7 @@ def make(
     """
     settings = load_settings(config)
     ran: dict[str, str] = {}
-    with Run(runs / settings.experiment, settings.experiment) as run, compiled_ahead() as ahead:
+    with Run(runs / settings.experiment, settings.experiment) as run, compiled_ahead(say) as ahead:
         known = Staleness(run, settings, config.parent)
         for stage in up_to(until):
             reasons = known.reasons(stage)  # all that comes before it is as it should be by now
@@ -186,16 +188,21 @@ def make(
 
 
 @contextlib.contextmanager
-def compiled_ahead() -> Iterator[Callable[[str], None]]:
-    """Yields what is told of each stage before it runs: the first without a reduced step begins to compile it in a
-    process of its own, and the first that takes such steps waits for that, for it would compile the same."""
-    compiling = list[subprocess.Popen[bytes]]()
+def compiled_ahead(say: Callable[[str], object]) -> Iterator[Callable[[str], None]]:
+    """Yields what is called with each stage before it runs.
+
+    The first without a reduced step begins to compile that in a process of its own, where it is not kept from before;
+    the first with one waits for it, for it would compile the same.
+    """
+    compiling: list[subprocess.Popen[bytes]] = []
 
     def before(stage: str) -> None:
         if stage not in WITHOUT_STEPS:
             for process in compiling:
+                if process.poll() is None:
+                    say("compiling the reduced step, once on this machine")
                 process.wait()
-        elif not compiling:
+        elif not compiling and not are_kept(Path(advance.__file__)):
             compiling.append(subprocess.Popen([sys.executable, "-m", AHEAD], stderr=subprocess.DEVNULL))
 
     try:

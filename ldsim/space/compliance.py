@@ -24,7 +24,7 @@ from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation
 
-# Grabs whose fields are kept, nine numbers a vertex each.
+# Grabs whose fields are kept, up to 36 numbers a vertex each.
 REMEMBERED = 64
 # What is pressed flat does not get ever stiffer.
 LEAST_STRETCH = 0.25
