@@ -24,8 +24,8 @@ from ldsim.settings.make import make
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
 # else what is learned from does not show what the others do.
 POOR = 0.5
-# A few pulls are judged, and many are stated: the worst of thirty is some 97th percentile, the second worst of 93, which
-# is what 95 % are stated by, some 98th. So rounds go on, as long as there is time, until the few hold this share of the
+# A few pulls are judged, and many are stated: the worst of thirty is some 97th percentile, and what is stated of 95 %,
+# the second worst of 93, some 98th. So rounds go on, as long as there is time, until the few hold this share of the
 # error that is asked for.
 MARGIN = 0.8
 # Rounds of own runs and coordinates that are added at once, and the most coordinates and widest layers.
