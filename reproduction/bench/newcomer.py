@@ -1,18 +1,19 @@
 """How long a newcomer takes from clone to a solid that follows the pointer: README's two commands, part by part.
 
-    python -m reproduction.bench.newcomer --folder /tmp/new                      all parts, one after the other
-    python -m reproduction.bench.newcomer --folder /tmp/new clone install mesh   some; what was measured is kept
+    python -m reproduction.bench.newcomer --folder /tmp/new                 all parts, one after the other
+    python -m reproduction.bench.newcomer --folder /tmp/new clone install   some; what was measured is kept
 
 A fresh clone, an environment of its own and an empty folder of compiled kernels; the index of packages is the caller's.
 The last part, play, ends when the first pull in a browser has moved the solid (needs Chromium). Results go to
-reproduction/results/newcomer.json once every part is there. Beside the time on the clock stands that of the processors,
-which other work on the machine hardly lengthens.
+reproduction/results/newcomer.json once every part is there: the stages of `make demo` by when each says that it begins,
+and beside the time on the clock that of the processors, which other work on the machine hardly lengthens.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import time
@@ -25,36 +26,42 @@ from reproduction.harness import ROOT, parser, row, show, write_json, write_resu
 from tests.viewer.browser import Tab, chromium
 
 NAME = "newcomer"
-# What a stage runs is what `make demo` runs: it is asked for one after the other so that each can be timed.
 PARTS = {
     "clone": ["git", "clone", "--quiet", str(ROOT), "ldsim"],
     "install": ["make", ".venv/.used"],
-    **{stage: ["make", "EXPERIMENT=demo", stage] for stage in STAGES},
+    "demo": ["make", "demo"],
     "play": [".venv/bin/ldsim", "play", "runs/demo", "--no-browser", "--until-closed"],
 }
 AT_MOST_S = 360.0
+# What `ldsim make` says before it runs a stage.
+BEGINS = re.compile(rf"({'|'.join(STAGES)}): stage ")
 MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > 0.01"
 
 
 def measured(part: str, folder: Path) -> dict[str, float]:
-    """Seconds on the clock, and of the processors, that a part takes."""
+    """Seconds on the clock, of all and of each stage, and of the processors, that a part takes."""
     own = {"XDG_CACHE_HOME": str(folder / "cache")}
     unset = ("PYTHONDONTWRITEBYTECODE", "VIRTUAL_ENV", "MAKEFLAGS", "OMP_NUM_THREADS")
     environment = {name: value for name, value in os.environ.items() if name not in unset} | own
     place = folder if part == "clone" else folder / "ldsim"
     begun, before = time.perf_counter(), processors()
-    with subprocess.Popen(PARTS[part], cwd=place, env=environment, stdout=subprocess.PIPE, text=True) as process:
+    since: dict[str, float] = {}
+    with subprocess.Popen(
+        PARTS[part], cwd=place, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
         assert process.stdout is not None
-        if part == "play":
-            with pulled(next(line.strip() for line in process.stdout if line.startswith("http"))):
-                seconds = time.perf_counter() - begun
-        for _ in process.stdout:
-            pass
+        for line in process.stdout:
+            if stage := BEGINS.match(line):
+                since[stage[1]] = time.perf_counter()
+            if part == "play" and line.startswith("http"):
+                with pulled(line.strip()):
+                    ended = time.perf_counter()
     assert process.returncode == 0, f"{PARTS[part]} ended with {process.returncode}"
-    return {
-        "clock": seconds if part == "play" else time.perf_counter() - begun,
-        "processors": processors() - before,
-    }
+    if part != "play":
+        ended = time.perf_counter()
+    times = [*since.values(), ended]
+    stages = {stage: times[i + 1] - times[i] for i, stage in enumerate(since)}
+    return {"clock": ended - begun, "processors": processors() - before} | stages
 
 
 def processors() -> float:
