@@ -164,11 +164,11 @@ def pages() -> dict[Path, str]:
 def live_page() -> str:
     """live/demo.html: the models that it holds, in the page as it is today; `make pictures` makes it from the run."""
     text = LIVE.read_text(encoding="utf-8")
-    about, models = (
+    about, packed = (
         json.loads(re.findall(rf'<script type="application/json" id="{name}">(.*?)</script>', text)[0])
         for name in ("about", "model")
     )
-    return assembled(about, models)
+    return assembled(about, packed)
 
 
 def commands_page() -> str:

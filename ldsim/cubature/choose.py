@@ -17,6 +17,7 @@ from ldsim.cubature.system import System
 from ldsim.cubature.terms import EnergyTerm, ForceTerm, TangentTerm, Term
 from ldsim.cubature.virtual import Targets, fit_virtual, virtual_error
 from ldsim.errors import SolverError
+from ldsim.jit import in_threads
 
 Judge = Callable[[CubatureRule], float]
 
@@ -156,18 +157,20 @@ def choose_virtual(
     start = path.at_most(options.points)
     chosen, aside = virtual_poses(len(space.z), split, options.poses)
     fitted, put_aside = (ClosedSamples.of(space, p, (split.seed, i)) for i, p in enumerate((chosen, aside)))
-    tried: dict[float, tuple[float, CubatureRule]] = {}
-    for i, closure in enumerate(options.closures):
+    closures = options.closures if judge is not None else options.closures[:1]
+    reached = dict.fromkeys(closures, 0)
 
-        def told(step: int, error: float, before: int = i * options.steps) -> None:
+    def with_closure(closure: float) -> CubatureRule:
+        def told(step: int, error: float) -> None:
+            reached[closure] = step
             if tell is not None:
-                tell(before + step, error)
+                tell(sum(reached.values()), error)
 
         targets = [Targets.joined(*samples.targets(space, start, closure)) for samples in (fitted, put_aside)]
-        found = fit_virtual(space, start, (targets[0], targets[1]), options, split.seed, told)
-        tried[closure] = (np.nan if judge is None else judge(found)), found
-        if judge is None:
-            break
+        return fit_virtual(space, start, (targets[0], targets[1]), options, split.seed, told)
+
+    found = zip(closures, in_threads(with_closure, closures, space.threads), strict=True)
+    tried = {closure: (np.nan if judge is None else judge(rule), rule) for closure, rule in found}
     least = min(error for error, _ in tried.values())
     closure = max(share for share, (error, _) in tried.items() if not error > TIE * least)
     on_mesh = np.nan if judge is None else judge(path.best)

@@ -12,7 +12,7 @@ import pytest
 
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
-from ldsim.export.playground import write_playground
+from ldsim.export.playground import assembled, compressed, inflated, write_playground
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mesh.surface import Surface
@@ -54,6 +54,23 @@ def page(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tab() -> Iterator[Tab]:
     with chromium() as some:
         yield some
+
+
+@pytest.mark.parametrize("size", [0, 1, 3, 4, 1003])
+def test_what_is_compressed_comes_back_whole(size: int) -> None:
+    data = np.random.default_rng(size).bytes(size)
+    assert inflated(compressed(data)) == data
+
+
+def test_numbers_take_less_room_compressed_than_in_base64_alone() -> None:
+    numbers = np.random.default_rng(1).standard_normal(3000).astype(np.float32).tobytes()
+    assert len(compressed(numbers)) < 0.95 * 4 / 3 * len(numbers)
+
+
+def test_a_page_is_assembled_with_todays_library_whatever_it_had() -> None:
+    about, models = {"title": "solid"}, {"latent": compressed(b"model")}
+    old = assembled(about, {**models, "runtime": compressed(b"an old library")})
+    assert old == assembled(about, models)
 
 
 def show(tab: Tab, page: Path, width: int = 1000, height: int = 700) -> Tab:

@@ -11,6 +11,15 @@ export function decoded(base64) {
 /** An array as Python's `packed` gives it: its type and its bytes in base64. */
 export const unpacked = ([type, base64]) => new TYPES[type](decoded(base64));
 
+/** The bytes that Python's `compressed` was given (ldsim/export/playground.py). */
+export async function inflated(base64) {
+  const stream = new Blob([decoded(base64)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const apart = new Uint8Array(await new Response(stream).arrayBuffer()), words = Math.floor(apart.length / 4);
+  const bytes = apart.slice(); // the last ones, of no whole word, are where they were
+  for (let i = 0; i < words; i++) for (let j = 0; j < 4; j++) bytes[4 * i + j] = apart[words * j + i];
+  return bytes;
+}
+
 const json = (buffer, start, length) => JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, start, length)));
 
 /** A block of the server (ldsim/viewer/payload.py): its header with every array under its name. */

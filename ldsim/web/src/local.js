@@ -1,6 +1,6 @@
 // The model inside the page, in the place of a server: obeys the page, steps at the pace of time, and hands out frames.
 
-import { decoded, unpacked } from "./arrays.js";
+import { inflated, unpacked } from "./arrays.js";
 import { everyPicture } from "./dom.js";
 import { Model, Solid, runtimeOf } from "./solid.js";
 import { minus } from "./vector.js";
@@ -13,11 +13,11 @@ const MOST = 16; // pulls at once
 const POSES = 50; // kept for undo
 
 export class Local {
-  /** about: what Python says of the solid; packed: the library and the models in base64 (ldsim/export/playground.py). */
+  /** about: what Python says of the solid; packed: the library and the models (ldsim/export/playground.py). */
   static async open(about, packed) {
-    const bytes = (name) => new Uint8Array(decoded(packed[name]));
-    const runtime = await runtimeOf(bytes("runtime"));
-    return new Local(about, Object.fromEntries(["latent", "linear"].map((name) => [name, new Model(runtime, bytes(name))])));
+    const runtime = await runtimeOf(await inflated(packed.runtime)), models = {};
+    for (const name of ["latent", "linear"]) models[name] = new Model(runtime, await inflated(packed[name]));
+    return new Local(about, models);
   }
 
   constructor(about, models) {
