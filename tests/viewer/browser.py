@@ -136,7 +136,9 @@ def chromium() -> Iterator[Tab]:
             port = _port(Path(profile) / "DevToolsActivePort")
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=30) as answer:
                 pages = [page for page in json.load(answer) if page["type"] == "page"]
-            with connect(pages[0]["webSocketDebuggerUrl"], max_size=None, ping_interval=None, open_timeout=30) as socket:
+            address = pages[0]["webSocketDebuggerUrl"]
+            # no pings: what they wait for lies behind events that nobody reads while a test does something else
+            with connect(address, max_size=None, ping_interval=None, open_timeout=30) as socket:
                 yield Tab(socket)
         finally:
             process.terminate()
