@@ -62,9 +62,9 @@ def test_what_is_compressed_comes_back_whole(size: int) -> None:
     assert inflated(compressed(data)) == data
 
 
-def test_numbers_take_less_room_compressed_than_in_base64_alone() -> None:
+def test_numbers_take_less_room_taken_apart_than_compressed_alone() -> None:
     numbers = np.random.default_rng(1).standard_normal(3000).astype(np.float32).tobytes()
-    assert len(compressed(numbers)) < 0.95 * 4 / 3 * len(numbers)
+    assert len(compressed(numbers)) < 0.915 * 4 / 3 * len(numbers)
 
 
 def test_a_page_is_assembled_with_todays_library_whatever_it_had() -> None:
