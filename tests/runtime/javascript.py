@@ -1,7 +1,8 @@
-"""Running the page's solid.js, and with it the library as WebAssembly, in node."""
+"""Running the page's solid.js, and with it the library as WebAssembly, in node and in Chromium."""
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 import ldsim.runtime
 import ldsim.web
+from tests.viewer.browser import CHROMIUM, chromium
 
 NODE = shutil.which("node")
 SOLID = Path(ldsim.web.__file__).parent / "src" / "solid.js"
@@ -24,7 +26,21 @@ const unpacked = (text) => new Model(runtime, new Uint8Array(Buffer.from(text, "
 const given = JSON.parse(readFileSync(0, "utf8"));
 let result;
 """
+# In a browser a module comes from an address, and a page without one makes it of the text.
+LOADED = """
+(async (text, library, given) => {
+  const bytes = (base64) => Uint8Array.from(atob(base64), (character) => character.charCodeAt(0));
+  const address = URL.createObjectURL(new Blob([text], { type: "text/javascript" }));
+  const { Model, Solid, runtimeOf } = await import(address);
+  const runtime = await runtimeOf(bytes(library));
+  const unpacked = (base64) => new Model(runtime, bytes(base64));
+  let result;
+  %s
+  return result;
+})(%s)
+"""
 needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed: it runs the library as WebAssembly")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 
 def run_javascript(program: str, given: object) -> Any:
@@ -35,3 +51,12 @@ def run_javascript(program: str, given: object) -> Any:
     done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def run_in_chromium(program: str, given: object) -> Any:
+    """The same in a page of Chromium."""
+    handed = SOLID.read_text(encoding="utf-8"), base64.b64encode(LIBRARY.read_bytes()).decode(), given
+    with chromium() as tab:
+        found = tab.evaluate(LOADED % (program, ", ".join(map(json.dumps, handed))))
+        assert not tab.complaints
+    return found

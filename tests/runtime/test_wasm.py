@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import importlib.util
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -24,7 +26,7 @@ from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
 from tests.helpers import reduced_space, scene
 from tests.report.small_run import write_run
-from tests.runtime.javascript import NODE, needs_node, run_javascript
+from tests.runtime.javascript import NODE, needs_chromium, needs_node, run_in_chromium, run_javascript
 from tests.runtime.problems import SPACES, latent, loads, smooth_basis
 from tools import wasm
 
@@ -79,19 +81,35 @@ def played(space: Space) -> dict[str, Any]:
     return {"model": base64.b64encode(model_bytes(space, TIGHT)).decode(), "frames": frames}
 
 
-@needs_node
-def test_a_thousand_frames_with_grabs_agree_in_every_space_and_material() -> None:
-    spaces = [SPACES[name]() for name in NAMES]
-    found = run_javascript(PLAY, [played(space) for space in spaces])
-    for name, space, frames in zip(NAMES, spaces, found, strict=True):
+@pytest.fixture(scope="module")
+def stepped() -> dict[str, Array]:
+    """What the steps in Python come to, the coordinates of each frame, (N, k), by name."""
+    found = {}
+    for name in NAMES:
+        space = SPACES[name]()
         stepper = ReducedStepper(space, TIGHT)
         state = stepper.rest()
         coordinates = []
         for acting in loads(space, FRAMES):
             state, _ = stepper.step(state, acting)
             coordinates.append(state.q)
+        found[name] = np.array(coordinates)
+    return found
+
+
+@pytest.mark.parametrize(
+    "host",
+    [pytest.param(run_javascript, marks=needs_node), pytest.param(run_in_chromium, marks=needs_chromium)],
+    ids=["node", "chromium"],
+)
+def test_a_thousand_frames_with_grabs_agree_in_every_space_and_material(
+    host: Callable[[str, object], Any], stepped: dict[str, Array]
+) -> None:
+    spaces = [SPACES[name]() for name in NAMES]
+    found = host(PLAY, [played(space) for space in spaces])
+    for name, space, frames in zip(NAMES, spaces, found, strict=True):
         U = space.reduced_basis.matrix
-        expected = np.array(coordinates) @ U.T
+        expected = stepped[name] @ U.T
         u = np.array([frame["features"] for frame in frames]) @ U.T
         assert {frame["outcome"] for frame in frames} == {0}, name
         assert np.abs(u - expected).max() <= 1e-9 * np.abs(expected).max(), name
