@@ -1303,7 +1303,7 @@ static void tangent_at(ldsim_solid *S, const double *z, double *f)
 #define ROUNDOFF 1e-10 /* values closer than this share are told apart by their slopes: large terms in them cancel */
 #define MAX_BACKTRACKS 40
 #define RENEWAL 25      /* iterations after which a step gives its preconditioner up */
-#define RENEWAL_COST 30 /* iterations that making one anew costs */
+#define RENEWAL_COST 1000 /* and beyond those of the step that made it: BFGS mends it by itself */
 #define LEAST_LEFT 0.1  /* of the curvature along a spring that goes, for the rest to be known by the difference */
 
 /* Sufficient decrease, or its form in the slopes where the values differ only by rounding (Hager and Zhang 2005, Eq.
