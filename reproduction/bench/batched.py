@@ -1,14 +1,16 @@
 """Steps a second against the number of instances.
 
-All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
-stiffness of its own; on one CPU core and, where there is one, on a GPU, in double and single precision. Beside them the
-serial stepper, which takes the same steps one instance after another. `--quick` takes three sizes. The results are
-written after each size.
+All instances of a finished run's latent model, or of its linear one where that is condensed, step together, each pulled
+at a vertex, in a direction and with a stiffness of its own: on a CPU, in double precision by one thread and by one a
+core, and in single precision, and where there is one on a GPU. Beside them the serial stepper, which takes the same
+steps one instance after another. `--quick` takes three sizes. The results are written after each size.
 """
 
 from __future__ import annotations
 
+import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -103,19 +105,30 @@ def measure(model: str, space: Space, sizes: tuple[int, ...]) -> None:
     serial = ReducedStepper(space, ReducedOptions(tolerance=TOLERANCE[torch.float64]))
     serial_rate(serial, loads[:1])
     note("serial", serial_rate(serial, loads[:16]), "steps/s")
-    for device in ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",):
-        for dtype in (torch.float64, torch.float32):
-            stepper = BatchedStepper(space, tolerance=TOLERANCE[dtype], device=device, dtype=dtype)
-            for size in sizes:
-                started = time.perf_counter()
-                rate, iterations, converged = batched_rate(stepper, loads[:size])
-                name = f"{device} {str(dtype).removeprefix('torch.')}, {size} instances"
-                note(f"batched on {name}", rate, "steps/s")
-                note(f"iterations a step on {name}", iterations, "")
-                note(f"converged on {name}", converged, "share")
-                write(model, rows, sizes == QUICK)
-                if device == "cpu" and time.perf_counter() - started > LONGEST:
-                    break
+    for device, dtype, threads in ways():
+        stepper = BatchedStepper(space, tolerance=TOLERANCE[dtype], device=device, dtype=dtype)
+        torch.set_num_threads(threads)
+        for size in sizes:
+            started = time.perf_counter()
+            rate, iterations, converged = batched_rate(stepper, loads[:size])
+            name = f"{device} {str(dtype).removeprefix('torch.')}, {threads} threads, {size} instances"
+            note(f"batched on {name}", rate, "steps/s")
+            note(f"iterations a step on {name}", iterations, "")
+            note(f"converged on {name}", converged, "share")
+            write(model, rows, sizes == QUICK)
+            if device == "cpu" and time.perf_counter() - started > LONGEST:
+                break
+    note("serial, again", serial_rate(serial, loads[:16]), "steps/s")
+    write(model, rows, sizes == QUICK)
+
+
+def ways() -> Iterator[tuple[str, torch.dtype, int]]:
+    """Device, type and threads."""
+    cores = len(os.sched_getaffinity(0))
+    yield from (("cpu", torch.float64, threads) for threads in sorted({1, cores}))
+    yield "cpu", torch.float32, 1
+    if torch.cuda.is_available():
+        yield from (("cuda", dtype, 1) for dtype in (torch.float64, torch.float32))
 
 
 def write(model: str, rows: list[Row], quick: bool) -> None:
@@ -129,9 +142,9 @@ def main() -> None:
     arguments.add_argument("run", type=Path, help="folder of a finished run")
     arguments.add_argument("--quick", action="store_true", help="three sizes")
     given = arguments.parse_args()
-    torch.set_num_threads(1)
     with Run.open(given.run) as run, one_thread():
-        measure(given.run.name, run.space("latent"), QUICK if given.quick else SIZES)
+        space = run.space("latent")
+        measure(given.run.name, run.space("linear") if space.is_condensed else space, QUICK if given.quick else SIZES)
 
 
 if __name__ == "__main__":

@@ -132,9 +132,9 @@ class BatchedModel:
         """∂E/∂q, (n, k), N."""
         elastic = torch.matmul(self._stresses(loads, F), self.G.transpose(1, 2)).sum(0)
         springs = torch.einsum("ng,ngi,ngik->nk", loads.stiffness, self._pulls(loads, q), loads.B)
-        return (q - predictor) @ self.inertia - self._dead(loads) + elastic + springs
+        return (q - predictor) @ self.inertia - self.dead(loads) + elastic + springs
 
-    def _dead(self, loads: BatchedLoads) -> Tensor:
+    def dead(self, loads: BatchedLoads) -> Tensor:
         """Weight and load, and what moving pins take along, (n, k), N."""
         return loads.gravity @ self.weight + self.load - loads.change @ self.momentum.T
 
@@ -151,7 +151,7 @@ class BatchedModel:
         """
         q, outputs = self.decoder.forward(z)
         F, offset = self._strains(q, loads), q - predictor
-        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self._dead(loads) * q).sum(1)
+        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self.dead(loads) * q).sum(1)
         value = value + 0.5 * (loads.stiffness * (self._pulls(loads, q) ** 2).sum(2)).sum(1)
         for material, at, mu, lam in self._parts(loads):
             value = value + material.density(F[..., at], mu, lam) @ self.weights[at]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,9 +12,11 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ldsim.arrays import Array, Indices
+from ldsim.dynamics.batched.compiled import CompiledSteps
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
-from ldsim.dynamics.reduced.state import ReducedState
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.state import ReducedState, numbers_of_a_state
 from ldsim.errors import SolverError
 from ldsim.mechanics.loads import Loads
 from ldsim.optimise.solution import Reason
@@ -25,6 +27,8 @@ from ldsim.space.space import Space
 LARGEST_TEMPORARY = {"cpu": 1 << 19, "cuda": 1 << 26}
 DTYPES = (torch.float64, torch.float32)
 MOST_ITERATIONS = 100
+# Of a state, what the last two frames say.
+FRAMES = ("z", "z_previous", "q", "q_previous", "a", "a_previous")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +39,8 @@ class BatchedState:
         z, z_previous: latent coordinates of the last two frames, (n, r).
         q, q_previous: outer coordinates of the last two frames, (n, k).
         a, a_previous: where moved pins were in the last two frames, (n, l) (`space.lifting`).
+        kept: the numbers of `ReducedState` of the last step, (n, ·), of which a compiled one takes over what makes it
+            short: where to start and an inverse Hessian. Zeros where there was none, empty where none is compiled.
     """
 
     z: Tensor
@@ -43,6 +49,7 @@ class BatchedState:
     q_previous: Tensor
     a: Tensor
     a_previous: Tensor
+    kept: Tensor
 
     def of(self, instances: Tensor | slice) -> BatchedState:
         """The state of some instances."""
@@ -51,7 +58,7 @@ class BatchedState:
     def serial(self, instance: int) -> ReducedState:
         """One instance, for `ReducedStepper`."""
         z, z_previous, q, q_previous, a, a_previous = (
-            getattr(self, entry.name)[instance].detach().cpu().numpy().astype(np.float64) for entry in fields(self)
+            getattr(self, name)[instance].detach().cpu().numpy().astype(np.float64) for name in FRAMES
         )
         state = ReducedState.moving(z, z_previous, q, q_previous)
         if len(a):
@@ -59,13 +66,19 @@ class BatchedState:
         return state
 
 
+def is_compiled(device: torch.device, dtype: torch.dtype) -> bool:
+    """Whether the compiled step, which has double precision alone, runs on a device."""
+    return device.type == "cpu" and dtype == torch.float64
+
+
 class BatchedStepper:
     """Steps n instances of a scene in the space u = U φ(z), each with grabs, gravity and material of its own.
 
-    The potential, the stop rule and the acceptance of a step are those of `ReducedStepper`; the minimiser is Newton's
-    method with the exact Hessian, so both agree to the tolerance. Gradients flow from the new state to the previous
-    one, and to targets, stiffness, gravity and moduli: by the implicit function theorem, dz = −H⁻¹ ∂(∇E), so a step
-    backwards costs one solve with the r × r Hessian, not the iterations.
+    The potential, the stop rule and the acceptance of a step are those of `ReducedStepper`. On a processor in double
+    precision its compiled steps are taken too, by as many threads as torch may use; elsewhere the minimiser is Newton's
+    method with the exact Hessian on tensors. All agree to the tolerance. Gradients flow from the new state to the
+    previous one, and to targets, stiffness, gravity and moduli: by the implicit function theorem, dz = −H⁻¹ ∂(∇E), so
+    a step backwards costs one solve with the r × r Hessian, not the iterations.
 
     Args:
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N. Single precision does not reach the default; 1e-3 is a
@@ -101,6 +114,10 @@ class BatchedStepper:
         self.space, self.scene = space, space.scene
         self._lifting = Lifting.of(space.scene, ()) if space.lifting is None else space.lifting
         self._gravity = self.tensor(space.scene.gravity)
+        self._compiled: CompiledSteps | None = None
+        if is_compiled(self.device, dtype):
+            options = ReducedOptions(tolerance=tolerance, max_iterations=max_iterations)
+            self._compiled = CompiledSteps(space, self.model, options)
 
     def tensor(self, values: object) -> Tensor:
         """Numbers as a tensor of this stepper's type on its device."""
@@ -110,7 +127,11 @@ class BatchedStepper:
         """n instances at rest."""
         sizes = (self.model.decoder.r, self.model.decoder.k, self._lifting.count)
         z, q, a = (self.tensor(np.zeros((n, size))) for size in sizes)
-        return BatchedState(z, z, q, q, a, a)
+        return BatchedState(z, z, q, q, a, a, self._nothing_kept(n))
+
+    def _nothing_kept(self, n: int) -> Tensor:
+        count = 0 if self._compiled is None else numbers_of_a_state(self.model.decoder.r, self.model.decoder.k)
+        return torch.zeros((n, count), dtype=self.dtype, device=self.device)
 
     def state(self, states: Sequence[ReducedState]) -> BatchedState:
         """A batch of serial states."""
@@ -119,7 +140,8 @@ class BatchedStepper:
         def batch(name: str) -> Tensor:
             return self.tensor(np.array([still if (own := getattr(s, name)) is None else own for s in states]))
 
-        return BatchedState(*(batch(entry.name) for entry in fields(BatchedState)))
+        frames = {name: batch(name) for name in FRAMES}
+        return BatchedState(**frames, kept=self._nothing_kept(len(states)))
 
     def loads(self, loads: Sequence[Loads]) -> BatchedLoads:
         """What acts on one instance for each entry, with the scene's material.
@@ -156,14 +178,16 @@ class BatchedStepper:
         An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
         lets no gradient through; the others do not notice.
         """
-        records: list[BatchedSolution] = []
+        results: list[_Solved] = []
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
-        z = _Step.apply(self, records, state.z.detach(), state.z_previous.detach(), predictor, *loads)  # type: ignore[no-untyped-call]
+        before = _Before(state.z.detach(), state.z_previous.detach(), state.kept)
+        z = _Step.apply(self, results, before, predictor, *loads)  # type: ignore[no-untyped-call]
+        _, kept, record = results[0]
         q = self.model.decoder(z)
-        stayed = (records[0].reason == int(Reason.INFINITE_START))[:, None]
+        stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
-        return BatchedState(z, state.z, q, state.q, loads.a, state.a), records[0]
+        return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept), record
 
     def displacement(self, state: BatchedState, vertices: Indices) -> Tensor:
         """u = U q + L a of some vertices, (n, v, 3), metres; differentiable."""
@@ -174,10 +198,11 @@ class BatchedStepper:
         """n instances in pieces that the memory serves best."""
         return [slice(first, first + self.piece) for first in range(0, n, self.piece)]
 
-    def solve(
-        self, z: Tensor, z_previous: Tensor, predictor: Tensor, loads: BatchedLoads
-    ) -> tuple[Tensor, BatchedSolution]:
-        """The minimisers of one step, piece by piece."""
+    def solve(self, before: _Before, predictor: Tensor, loads: BatchedLoads) -> _Solved:
+        """The minimisers of one step."""
+        z, z_previous, kept = before
+        if self._compiled is not None:
+            return _Solved(*self._compiled(z, z_previous, kept, predictor, loads))
         stop = self.tolerance, self.max_iterations
         done = [
             minimise(self.model, loads.of(some), predictor[some], 2 * z[some] - z_previous[some], z[some], *stop)
@@ -185,7 +210,7 @@ class BatchedStepper:
         ]
         names = [entry.name for entry in fields(BatchedSolution)]
         record = BatchedSolution(*(torch.cat([getattr(part, name) for _, part in done]) for name in names))
-        return torch.cat([part for part, _ in done]), record
+        return _Solved(torch.cat([part for part, _ in done]), kept, record)
 
     def adjoint(self, z: Tensor, predictor: Tensor, loads: BatchedLoads, gradient: Tensor) -> Tensor:
         """J H⁻¹ ∂L/∂z, (n, k): how far each instance's q gives way to the loss's pull on z; ∂L/∂z is (n, r)."""
@@ -197,6 +222,22 @@ class BatchedStepper:
         return torch.cat(ways)
 
 
+class _Before(NamedTuple):
+    """Of the state that a step starts from what its minimiser reads."""
+
+    z: Tensor
+    z_previous: Tensor
+    kept: Tensor
+
+
+class _Solved(NamedTuple):
+    """The minimisers of a step, (n, r), what the next one takes over, and the record."""
+
+    z: Tensor
+    kept: Tensor
+    record: BatchedSolution
+
+
 class _Step(torch.autograd.Function):
     """z* = argmin E(z; q̂, loads) with its derivative by the implicit function theorem."""
 
@@ -204,14 +245,13 @@ class _Step(torch.autograd.Function):
     def forward(
         ctx: Any,
         stepper: BatchedStepper,
-        records: list[BatchedSolution],
-        z: Tensor,
-        z_previous: Tensor,
+        results: list[_Solved],
+        before: _Before,
         predictor: Tensor,
         *loads: Tensor,
     ) -> Tensor:
-        solved, record = stepper.solve(z, z_previous, predictor, BatchedLoads(*loads))
-        records.append(record)
+        results.append(stepper.solve(before, predictor, BatchedLoads(*loads)))
+        solved, _, record = results[0]
         ctx.stepper = stepper
         ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *loads)
         return solved
@@ -221,9 +261,9 @@ class _Step(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         stepper: BatchedStepper = ctx.stepper
         z, lost, *saved = ctx.saved_tensors
-        wanted = ctx.needs_input_grad[4:]
+        wanted = ctx.needs_input_grad[3:]
         if not any(wanted):
-            return (None,) * (4 + len(saved))
+            return (None,) * (3 + len(saved))
         predictor, loads = saved[0], BatchedLoads(*saved[1:])
         y = stepper.adjoint(z, predictor, loads, gradient)
         y = torch.where(lost[:, None], 0.0, y)
@@ -232,4 +272,4 @@ class _Step(torch.autograd.Function):
             q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
             work = stepper.model.virtual_work(BatchedLoads(*inputs[1:]), inputs[0], q, y)
             found = iter(torch.autograd.grad(-work, [value for value in inputs if value.requires_grad]))
-        return (None, None, None, None, *(next(found) if need else None for need in wanted))
+        return (None, None, None, *(next(found) if need else None for need in wanted))

@@ -36,6 +36,29 @@ def fields(data: Array, r: int, k: int) -> tuple[Array, Array, Array, Array, Arr
     )
 
 
+def numbers_of_a_state(r: int, k: int, grabs: int = 0) -> int:
+    """How many numbers there are of a state that holds so many grabs."""
+    return (3 + DIFFERENCES + r) * r + (2 + 3 * grabs) * k
+
+
+def state_rows(z: Array, z_previous: Array, predictor: Array, kept: Array) -> tuple[Array, list[bool]]:
+    """The numbers of many states that hold nothing and whose 2qₙ − qₙ₋₁ is the predictor, one a row, and which lack H.
+
+    Args:
+        z, z_previous: (n, r). predictor: (n, k).
+        kept: numbers of the states that the last steps led to, of which guess, H and differences are taken over; zeros
+            where there was none.
+    """
+    r, k = z.shape[1], predictor.shape[1]
+    q, H = 3 * r, 3 * r + 2 * k
+    rows = kept[:, : numbers_of_a_state(r, k)].copy()
+    rows[:, :r], rows[:, r : 2 * r] = z, z_previous
+    rows[:, q : q + k] = rows[:, q + k : H] = predictor
+    lacking = rows[:, H] == 0  # an inverse Hessian has a positive diagonal
+    rows[lacking, 2 * r : q] = (2 * z - z_previous)[lacking]
+    return rows, lacking.tolist()
+
+
 class ReducedState:
     """All that the next step depends on; a step makes a new one and leaves the old one as it is.
 
@@ -92,8 +115,7 @@ class ReducedState:
 
     def room(self, grabs: int) -> int:
         """Numbers of a state that holds so many grabs."""
-        r, k = self.r, self.k
-        return (3 + DIFFERENCES + r) * r + (2 + 3 * grabs) * k
+        return numbers_of_a_state(self.r, self.k, grabs)
 
     @property
     def z(self) -> Array:

@@ -12,23 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array
-from ldsim.dynamics.reduced.advance import advance, warp
+from ldsim.dynamics.reduced.advance import advance, step_reference, warp
+from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.matrices import diagonal_or_whole, leading, reduced_mass, reduced_rest_stiffness
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.dynamics.reduced.options import ReducedOptions
-from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
+from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.workspace import Workspace, same_arrays
+from ldsim.dynamics.reduced.workspace import Unloaded, Workspace, same_arrays
 from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.pins import MovedPins
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.space import Space
 
-# Iterations, beyond those of the step that made it, for which a preconditioner is kept, and after which a single step gives
-# it up. For L-BFGS what making it anew costs; BFGS mends its own, so it is hardly ever worth it: in a linear space of 60
-# columns one in 30 iterations took a quarter more time on average than one in 1,000, and made every eighth step long.
+# Iterations, beyond those of the step that made it, for which a preconditioner is kept, and after which a single step
+# gives it up. For L-BFGS what making it anew costs; BFGS mends its own, so that is hardly ever worth it: with 30 in the
+# place of 1,000, steps of a linear space of 60 columns were longer on average, and each eighth was long.
 RENEWAL_COST = {Method.LBFGS: 6, Method.BFGS: 1000, Method.NEWTON: 0}
 RENEWAL = {Method.LBFGS: 12, Method.BFGS: 25, Method.NEWTON: 1}
 REASONS = {int(reason): reason for reason in Reason}
@@ -227,6 +228,15 @@ class ReducedStepper:
         warp(workspace.reference, np.zeros(self._dimensions[1]))
         self._base_force(loads.gravity, workspace)
         return workspace.model, workspace.springs, workspace.work
+
+    def unloaded(self, grabs: int) -> Unloaded:
+        """What a thread steps by that writes forces, moduli and so many springs itself; nobody else has its arrays."""
+        own, k = self._model, self._dimensions[1]
+        lifted = np.zeros((0 if self._pins is None else len(own.weights), 9))
+        model = own._replace(force=own.force.copy(), mu=own.mu.copy(), lam=own.lam.copy(), lifted=lifted)
+        springs = Springs(np.zeros((grabs, 3, k)), np.zeros((grabs, 3)), np.zeros((grabs, 3)), np.zeros(grabs))
+        work = make_work(self.space.decoder, len(own.weights))
+        return Unloaded(model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k)))
 
     def _base_force(self, gravity: Array | None, workspace: Workspace) -> Array:
         """Uᵀ f_ext under some gravity, (k,), written into this thread's model where it is not there yet."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from operator import is_
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,14 @@ from ldsim.dynamics.reduced.minimiser import Minimisation
 from ldsim.dynamics.reduced.potential import Reduced, Springs, make_work
 from ldsim.mechanics.grabs import Grab
 from ldsim.space.space import Space
+
+
+class Unloaded(NamedTuple):
+    """A model and springs that somebody else fills with what acts, and the reference by which a step reads both."""
+
+    model: Reduced
+    springs: Springs
+    reference: StepReference
 
 
 class Workspace:

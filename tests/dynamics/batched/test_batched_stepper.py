@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,7 +14,9 @@ from torch import Tensor
 
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
+from ldsim.dynamics.batched import stepper as batched_stepper
 from ldsim.dynamics.batched.newton import newton_direction
+from ldsim.dynamics.batched.stepper import FRAMES
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -38,6 +40,13 @@ Array = NDArray[np.float64]
 
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 K, R = 6, 3
+
+
+@pytest.fixture(autouse=True, params=["compiled", "on tensors"])
+def steps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A processor takes the compiled steps; those on tensors, a graphics card's, have to be the same."""
+    if request.param == "on tensors":
+        monkeypatch.setattr(batched_stepper, "is_compiled", lambda device, dtype: False)
 
 
 @cache
@@ -356,8 +365,22 @@ def test_a_state_comes_back_from_the_batch_as_it_went_in() -> None:
     stepper = batched(body(), curved())
     state = march(stepper, stepper.loads([pulls(body(), 1), pulls(body(), 2)]), 3)
     again = stepper.state([state.serial(i) for i in range(2)])
-    for entry in fields(BatchedState):
-        np.testing.assert_array_equal(getattr(again, entry.name), getattr(state, entry.name))
+    for name in FRAMES:
+        np.testing.assert_array_equal(getattr(again, name), getattr(state, name))
+    assert not again.kept.any()
+
+
+def test_steps_go_on_from_what_the_last_one_kept_and_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batched_stepper, "is_compiled", lambda device, dtype: True)
+    stepper = batched(body(), curved())
+    loads = stepper.loads([pulls(body(), seed) for seed in range(5)])
+    state = march(stepper, loads, 3)
+    anew = replace(state, kept=torch.zeros_like(state.kept))
+    (kept, solution), (made, other) = stepper.step(state, loads), stepper.step(anew, loads)
+    np.testing.assert_allclose(kept.q, made.q, atol=1e-9)
+    assert not torch.equal(kept.kept, made.kept) and solution.converged.all() and other.converged.all()
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
+    np.testing.assert_array_equal(stepper.step(state, loads)[0].q, kept.q)
 
 
 @pytest.mark.parametrize(
