@@ -2,14 +2,16 @@
 
 Both step the same frames of every motion in the latent and the linear space at the usual tolerance, in one process and
 one thread, in turns. A motion is stepped several times, and the least time of each of its steps counts, for other
-tenants of a machine only add time. The C library also steps them at two other stops. "C from Python" is what a caller
-in Python pays, the calls that move grabs and the solves of a grab of a condensed model included; "C" is the one call of
-ldsim_step, ctypes included. "Python's own" is what a step of a solid that stands still takes from Python beyond one
-of many that are made by a single call of the library; held: with a call that moves the grab.
+tenants of a machine only add time; beside it stands how far the run's own simulation of the whole motion was off. The C
+library also steps them at two other stops. "C from Python" is what a caller in Python pays, the calls that move grabs
+and the solves of a grab of a condensed model included; "C" is the one call of ldsim_step, ctypes included. "Python's
+own" is what a step of a solid that stands still takes from Python beyond one of many that are made by a single call of
+the library; held: with a call that moves the grab.
 """
 
 from __future__ import annotations
 
+import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -91,6 +93,7 @@ def measure(run: Run, name: str, library: Library) -> list[Row]:
     rows.append(row(run.experiment, f"{name}: grab", 1e3 * grab_seconds(run, model), "ms", "<= 1"))
     for motion in run.motions:
         acting = frames_of(run, motion)
+        rows.append(row(run.experiment, f"{name}, {motion}: online error", error_of(run, name, motion), ""))
         rows += steps_of(run, motion, space, model, acting)
         for stop in STOPS:
             stopping = NativeModel(library, model_bytes(space, ReducedOptions(tolerance=stop)))
@@ -162,6 +165,13 @@ def rate(run: Run, model: NativeModel, threads: int) -> float:
     return best
 
 
+def error_of(run: Run, space: str, motion: str) -> float:
+    """Relative, of the whole motion, as the run's report has it."""
+    report = json.loads((run.folder / "report" / "report.json").read_text(encoding="utf-8"))
+    entry = next(each for each in report["simulate"][space] if each["motion"] == motion)
+    return float(entry["online_error"]["relative"])
+
+
 def frames_of(run: Run, motion: str) -> list[Loads]:
     recorded = run.recorded(motion)
     loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
@@ -169,10 +179,8 @@ def frames_of(run: Run, motion: str) -> list[Loads]:
 
 
 def shares(run: Run, what: str, seconds: Array) -> list[Row]:
-    return [
-        row(run.experiment, f"{what}, {share} %", 1e6 * float(np.percentile(seconds, share)), "µs")
-        for share in (50, 95, 99)
-    ]
+    found = {f"{share} %": float(np.percentile(seconds, share)) for share in (50, 95, 99)} | {"mean": seconds.mean()}
+    return [row(run.experiment, f"{what}, {share}", 1e6 * value, "µs") for share, value in found.items()]
 
 
 def steps_of(run: Run, motion: str, space: Space, model: NativeModel, acting: list[Loads]) -> list[Row]:
@@ -184,9 +192,15 @@ def steps_of(run: Run, motion: str, space: Space, model: NativeModel, acting: li
         for side, each in zip(seconds, found, strict=True):
             seconds[side] = np.fmin(seconds[side], each)
     counted = Follower(NativeSolid(model), space)
-    iterations = [counted.step(each) for each in acting]
+    made = []
+    for frame in acting:
+        counted.take(frame)
+        made.append(counted.solid.step()[:2])
     what = f"{space.name}, {motion}: "
-    rows = [row(run.experiment, what + "iterations a step", float(np.mean(iterations)), "")]
+    names = ("iterations", "evaluations")
+    rows = [
+        row(run.experiment, f"{what}{name} a step", m, "") for name, m in zip(names, np.mean(made, axis=0), strict=True)
+    ]
     for side, least in seconds.items():
         rows += shares(run, what + f"step in {side}", least)
     return rows
