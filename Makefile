@@ -29,7 +29,7 @@ STAGES := mesh snapshot pca train cubature simulate report
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test bounds lint pictures site clean help
+.PHONY: $(STAGES) demo paper settings test bounds lint examples pictures site clean help
 
 # What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
 $(STAGES): $(USED)
@@ -73,6 +73,10 @@ bounds: $(ENVIRONMENT) ## tests of what is compiled, every index checked; minute
 lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
+
+examples: $(ENVIRONMENT) ## every example of configs/ to its report and its live page: an hour, with LDSIM_DATA hours
+	$(VENV)/bin/python -m reproduction.bench.examples --runs $(RUNS)
+	$(VENV)/bin/python docs/generate.py
 
 pictures: $(ENVIRONMENT) ## every picture of README and the guide but one (reproduction/pictures.py); needs chromium
 	@$(MAKE) --no-print-directory EXPERIMENT=demo report
