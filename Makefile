@@ -20,6 +20,9 @@ export LDSIM_DATA := $(abspath ../shared/data)
 endif
 endif
 
+# The examples that have run to their end, whose live pages the site has.
+FINISHED = $(patsubst $(RUNS)/%/report/report.json,%,$(wildcard $(patsubst configs/%.yaml,$(RUNS)/%/report/report.json,$(wildcard configs/*.yaml))))
+
 STAGES := mesh snapshot pca train cubature simulate report
 
 .DEFAULT_GOAL := report
@@ -85,7 +88,7 @@ pictures: $(ENVIRONMENT) ## every picture of README and the guide but one (repro
 	$(VENV)/bin/python docs/generate.py
 
 site: $(ENVIRONMENT) ## the documentation as a site with search and live pages of the finished runs, in build/site
-	$(foreach run,$(wildcard $(RUNS)/*/simulation.h5),$(LDSIM) export $(dir $(run)) --playground &&) true
+	@$(foreach run,$(FINISHED),$(LDSIM) export $(RUNS)/$(run) --playground &&) true
 	$(VENV)/bin/python -m mkdocs build --strict
 
 clean: ## remove the files of the experiment
