@@ -9,7 +9,7 @@ from reproduction.harness import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
-PROGRAMS = r"source|cd|make|node|dask|pip|python|(?:\S*/)?(?:ldsim|python)"
+PROGRAMS = r"source|\(?cd|make|node|dask|pip|python|(?:\S*/)?(?:ldsim|python)"
 LINE = re.compile(rf"^    ((?:\w+=\S* )*(?:{PROGRAMS})(?: [^\n]*)?)$", re.M)
 COMMENT = re.compile(r"\s+#.*$")
 # The commands that take seconds: tests/docs/test_blocks.py runs them on a small run.
