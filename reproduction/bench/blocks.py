@@ -72,7 +72,7 @@ class Place:
     def environment(self) -> dict[str, str]:
         """That of a reader who has activated .venv; the clone's code comes before that which is installed."""
         path = f"{self.folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        own = {"PATH": path, "PYTHONPATH": str(self.folder), "BROWSER": "true", "PIP_DRY_RUN": "1"}
+        own = {"PATH": path, "PYTHONPATH": str(self.folder), "BROWSER": "true"}
         return {name: value for name, value in os.environ.items() if name not in ("LDSIM_DATA", "MAKEFLAGS")} | own
 
     def start(self, line: str, out: IO[str] | int) -> subprocess.Popen[str]:

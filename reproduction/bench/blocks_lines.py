@@ -15,8 +15,9 @@ COMMENT = re.compile(r"\s+#.*$")
 # The commands that take seconds: tests/docs/test_blocks.py runs them on a small run.
 QUICK = ("info", "list", "open", "export", "compare")
 QUICK_LINE = re.compile(rf"(?:\S*/)?ldsim (?:{'|'.join(QUICK)})\b")
-# What is not as it is for a reader: a folder that machines share, and the machine of a scheduler.
+# What is not as it is for a reader: a folder that machines share, the machine of a scheduler, and that pip installs.
 STANDS_FOR = {
+    "pip install": "pip install --dry-run",
     "/shared/runs": "{folder}/shared",
     "//head:": "//127.0.0.1:",
     "dask scheduler": "dask scheduler --host 127.0.0.1",

@@ -159,6 +159,15 @@ def test_what_was_not_measured_is_a_dash():
     assert page_of(report).count("not measured") == before + 8
 
 
+@pytest.mark.parametrize(
+    ("ratio", "words"), [(4.0, "is 4.00\u202f× as fast as one"), (0.5, "takes 2.00\u202f× as long as one")]
+)
+def test_a_space_that_is_slower_is_said_to_take_longer(ratio: float, words: str) -> None:
+    report = example_report()
+    report["speedup"]["latent_over_linear_kp"] = ratio
+    assert words in "".join(Outline(page_of(report)).texts).replace("\n", " ")
+
+
 def test_a_run_that_simulated_nothing_still_has_a_page():
     report = example_report()
     report["simulate"] = {"full": [], "linear": [], "latent": []}
