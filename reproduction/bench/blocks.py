@@ -51,7 +51,8 @@ NAME = "blocks"
 RESULT = RESULTS / f"{NAME}.json"
 # The number of tets of a solid of the reader's, as `ldsim new` writes it, and here.
 ASKED, SMALL = "cells: 10000", "cells: 800"
-RECORDED_FRAMES = 300
+# Of a pull in the browser: how far a solid moves at least, whatever it is made of, and how long a take is.
+LEAST_M, RECORDED_FRAMES = 1e-4, 300
 # The longest that a line may take, and until a server answers.
 LONGEST_S, SERVER_S = 3600.0, 10.0
 
@@ -99,8 +100,10 @@ class Place:
             for text in process.stdout:
                 print(text, end="", file=log, flush=True)
                 if text.startswith("http"):
-                    _pull(text.strip(), "ldsim record" in line)
-                    os.killpg(process.pid, signal.SIGINT)
+                    try:
+                        _pull(text.strip(), "ldsim record" in line)
+                    finally:
+                        os.killpg(process.pid, signal.SIGINT)
             late.cancel()
         if self._left.is_file():  # not where it was killed
             self.within = Path(self._left.read_text(encoding="utf-8").strip())
@@ -154,7 +157,7 @@ def _solids(place: Path) -> None:
 
 
 def _pull(url: str, record: bool) -> None:
-    with pulled(url) as (tab, at):
+    with pulled(url, least=LEAST_M) as (tab, at):
         if record:
             tab.mouse("mouseReleased", at)
             _record(tab, at)

@@ -35,7 +35,7 @@ PARTS = {
 AT_MOST_S = 360.0
 # What `ldsim make` says before it runs a stage.
 BEGINS = re.compile(rf"({'|'.join(STAGES)}): stage ")
-MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > 0.01"
+MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > {:g}"
 
 
 def measured(part: str, folder: Path) -> dict[str, float]:
@@ -70,8 +70,13 @@ def processors() -> float:
 
 
 @contextmanager
-def pulled(url: str, size: tuple[int, int] = (1280, 800)) -> Iterator[tuple[Tab, tuple[float, float]]]:
+def pulled(
+    url: str, size: tuple[int, int] = (1280, 800), least: float = 0.01
+) -> Iterator[tuple[Tab, tuple[float, float]]]:
     """The page, where the solid has been dragged at the upper middle and has moved; released when the block ends.
+
+    Args:
+        least: by which it has moved, m.
 
     Yields:
         The tab, and where the pointer took hold, pixels.
@@ -90,7 +95,7 @@ def pulled(url: str, size: tuple[int, int] = (1280, 800)) -> Iterator[tuple[Tab,
         tab.mouse("mousePressed", at)
         for i in range(1, 9):
             tab.mouse("mouseMoved", (at[0] + 10 * i, at[1] - 8 * i))
-        tab.wait(MOVED)
+        tab.wait(MOVED.format(least))
         yield tab, at
         tab.mouse("mouseReleased", at)
 
