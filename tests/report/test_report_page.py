@@ -270,7 +270,8 @@ def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) ->
         for other in boxes[:i]:
             assert right <= other[0] or other[2] <= left or bottom <= other[1] + 3 or other[3] <= top + 3
     levels = tab.evaluate(
-        "[...document.querySelectorAll('#hold .plot .guide:not(.upright) path')].map((e) => e.getBoundingClientRect().top)"
+        "[...document.querySelectorAll('#hold .plot .guide:not(.upright) path')]"
+        ".map((e) => e.getBoundingClientRect().top)"
     )
     assert len(levels) == 3
     assert not [(box, y) for box in boxes for y in levels if box[1] + 2 < y < box[3] - 2]
