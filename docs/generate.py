@@ -216,11 +216,12 @@ def _came_of(example: str, rows: list[dict[str, Any]]) -> str:
     told = paper if DATA_VARIABLE in (CONFIGS / f"{example}.yaml").read_text(encoding="utf-8") else ""
     if "chosen space" not in found:
         return f"{told}It has not run to its end here."
-    told += f"{found['cells']:,} cells; its {found['chosen space']} space moves by {found['its numbers']} numbers"
+    space = found["chosen space"].partition("_")[0]
     motion, error = next((key, value) for key, value in found.items() if key.startswith("its error, "))
     name = motion.removeprefix("its error, ")
-    told += f" and is lost in {name}" if error is None else f" and is {100 * error:.2g} % off in {name}"
-    return f"{told}. Its report says: {found['verdict']}."
+    off = f"lost in {name}" if error is None else f"{100 * error:.2g} % off in {name}"
+    told += f"{found['cells']:,} cells, moved by {found['its numbers']} numbers in the {space} space, {off}."
+    return f"{told} Its report says: {found['verdict']}."
 
 
 def _of_live_page(config: Path) -> list[str]:

@@ -19,7 +19,8 @@ EXAMPLES = sorted(config.stem for config in ROOT.glob("configs/*.yaml"))
 LIVE = {name: ROOT / "runs" / name / "export" / f"{name}.html" for name in EXAMPLES}
 LIVE = {name: page for name, page in LIVE.items() if page.is_file()}
 LIVE |= {page.stem: page for page in (HERE / "live").glob("*.html")}
-EXAMPLE = re.compile(r"^## (\w+)\n", re.M)
+# Of the gallery: the name of an example, and what its configuration says of it.
+EXAMPLE = re.compile(r"^## (\w+)\n\n.*\n", re.M)
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
 

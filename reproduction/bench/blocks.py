@@ -96,6 +96,7 @@ class Place:
         with self.start(line, subprocess.PIPE) as process:
             assert process.stdout is not None
             late = threading.Timer(LONGEST_S, os.killpg, (process.pid, signal.SIGTERM))
+            late.daemon = True  # it holds up nobody who has failed
             late.start()
             for text in process.stdout:
                 print(text, end="", file=log, flush=True)
