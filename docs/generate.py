@@ -26,6 +26,7 @@ from ldsim.export.playground import assembled
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
+from ldsim.report.wording import counted
 from ldsim.settings import STAGES, Settings, load_settings
 from ldsim.simulator import Handle, Outcome, StepRecord
 
@@ -220,7 +221,7 @@ def _came_of(example: str, rows: list[dict[str, Any]]) -> str:
     motion, error = next((key, value) for key, value in found.items() if key.startswith("its error, "))
     name = motion.removeprefix("its error, ")
     off = f"lost in {name}" if error is None else f"{100 * error:.2g} % off in {name}"
-    told += f"{found['cells']:,} cells, moved by {found['its numbers']} numbers in the {space} space, {off}."
+    told += f"{found['cells']:,} cells, moved by {counted(found['its numbers'], 'number')} in the {space} space, {off}."
     return f"{told} Its report says: {found['verdict']}."
 
 

@@ -17,7 +17,7 @@ from ldsim.report.paper import PAPER_TABLE_1
 from ldsim.report.pictures import Picture
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
-from ldsim.report.wording import readable
+from ldsim.report.wording import counted, readable
 from tests.report.example_report import example_report
 
 WEBP = b"RIFF\x00\x00\x00\x00WEBP" + bytes(8)
@@ -238,3 +238,7 @@ def test_the_verdict_comes_first_and_the_configuration_can_be_copied():
 )
 def test_numbers_read_well(value, expected):
     assert readable(value) == expected
+
+
+def test_one_thing_is_not_said_to_be_several():
+    assert [counted(n, "number") for n in (1, 2, 1200)] == ["1 number", "2 numbers", "1\u202f200 numbers"]
