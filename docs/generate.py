@@ -220,9 +220,9 @@ def _came_of(example: str, rows: list[dict[str, Any]]) -> str:
     space = found["chosen space"].partition("_")[0]
     motion, error = next((key, value) for key, value in found.items() if key.startswith("its error, "))
     name = motion.removeprefix("its error, ")
-    off = f"lost in {name}" if error is None else f"{100 * error:.2g} % off in {name}"
-    told += f"{found['cells']:,} cells, moved by {counted(found['its numbers'], 'number')} in the {space} space, {off}."
-    return f"{told} Its report says: {found['verdict']}."
+    told += f"{found['cells']:,} cells, moved by {counted(found['its numbers'], 'number')} in the {space} space"
+    told += "" if error is None else f", {100 * error:.2g} % off in {name}"
+    return f"{told}. Its report says: {found['verdict']}."
 
 
 def _of_live_page(config: Path) -> list[str]:
