@@ -73,7 +73,9 @@ def processors() -> float:
 def pulled(
     url: str, size: tuple[int, int] = (1280, 800), least: float = 0.01
 ) -> Iterator[tuple[Tab, tuple[float, float]]]:
-    """The page, where the solid has been dragged at the upper middle and has moved; released when the block ends.
+    """The page, where the solid has been dragged and has moved, at the upper middle or else at its right end.
+
+    It is released when the block ends.
 
     Args:
         least: by which it has moved, m.
@@ -86,11 +88,16 @@ def pulled(
         tab.open(url)
         tab.wait("window.ldsim !== undefined && ldsim.ready")
         at = tab.evaluate(
-            f"""(() => {{ before = Array.from(ldsim.positions(0));
+            f"""(() => {{ let right = null;
+              before = Array.from(ldsim.positions(0));
               for (let i = 0; i < before.length / 3; i++) {{
                 const [offsetX, offsetY] = ldsim.screen(0, i);
-                if (offsetY < {0.41 * size[1]:g} && ldsim.stage.hit({{ offsetX, offsetY }})) return [offsetX, offsetY];
-              }} }})()"""
+                if (right && offsetX <= right[0] && offsetY >= {0.41 * size[1]:g}) continue;
+                if (!ldsim.stage.hit({{ offsetX, offsetY }})) continue;
+                if (offsetY < {0.41 * size[1]:g}) return [offsetX, offsetY];
+                right = [offsetX, offsetY];
+              }}
+              return right; }})()"""
         )
         tab.mouse("mousePressed", at)
         for i in range(1, 9):
