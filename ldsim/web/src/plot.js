@@ -227,10 +227,16 @@ export class Plot {
     put(group, "path", { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
     const long = LETTER * text.length;
     if (upright) {
-      const tops = Array.from({ length: 13 }, (_, i) => y.to + (i / 12) * (y.from - 4 - long - y.to));
-      const sides = tops.flatMap((top) => [[place - 3, top], [place + 9, top]]);
-      const [base, top] = sides[this.free(sides.map(([from, over]) => [from - 8, over, from + 1, over + long]))];
-      put(group, "text", { class: "y", transform: `translate(${base} ${top + 2}) rotate(-90)` }, text);
+      const places = Array.from({ length: 13 }, (_, i) => i / 12);
+      const tops = places.map((share) => y.to + share * (y.from - 4 - long - y.to)); // where a text along the line begins
+      const beside = places.map((share) => y.to + share * (y.from - 14 - y.to)); // and where a level one is, if none of these is free
+      const boxes = [
+        ...tops.flatMap((top) => [[place - 11, top, place - 2, top + long], [place + 1, top, place + 10, top + long]]),
+        ...beside.flatMap((top) => [[place - 4 - long, top, place - 4, top + 9], [place + 4, top, place + 4 + long, top + 9]]),
+      ];
+      const i = this.free(boxes), [, top, right] = boxes[i];
+      const turned = i < 2 * places.length ? `translate(${right - 1} ${top + 2}) rotate(-90)` : `translate(${right} ${top + 8})`;
+      put(group, "text", { class: "y", transform: turned }, text);
       return;
     }
     const lefts = [0, 0.2, 0.4, 0.6, 0.8, 1].map((share) => x.to - 3 - long - share * (x.to - x.from - 7 - long));
