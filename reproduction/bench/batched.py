@@ -1,6 +1,6 @@
 """Steps a second against the number of instances.
 
-All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
+All instances of a finished run's latent model, or where that is condensed of its linear one, step together, each pulled at a vertex, in a direction and with a
 stiffness of its own; on one CPU core and, where there is one, on a GPU, in double and single precision. Beside them the
 serial stepper, which takes the same steps one instance after another. `--quick` takes three sizes. The results are
 written after each size.
@@ -98,7 +98,7 @@ def measure(model: str, space: Space, sizes: tuple[int, ...]) -> None:
         show(rows[-1:])
 
     loads = pulls(space.scene, max(sizes))
-    note("latent dimension", space.r, "")
+    note(f"dimension, {space.name}", space.r, "")
     note("cubature points", len(space.rule.points), "")
     serial = ReducedStepper(space, ReducedOptions(tolerance=TOLERANCE[torch.float64]))
     serial_rate(serial, loads[:1])
@@ -131,7 +131,8 @@ def main() -> None:
     given = arguments.parse_args()
     torch.set_num_threads(1)
     with Run.open(given.run) as run, one_thread():
-        measure(given.run.name, run.space("latent"), QUICK if given.quick else SIZES)
+        space = run.space("linear" if run.model.condensed else "latent")  # no condensed one is stepped in batches
+        measure(given.run.name, space, QUICK if given.quick else SIZES)
 
 
 if __name__ == "__main__":
