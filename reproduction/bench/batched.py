@@ -2,8 +2,8 @@
 
 All instances of a finished run's latent model, or where that is condensed of its linear one, step together, each pulled
 at a vertex, in a direction and with a stiffness of its own; on one CPU core and, where there is one, on a GPU, in
-double and single precision. Beside them the serial stepper, which takes the same steps one instance after another. `--quick`
-takes three sizes. The results are written after each size.
+double and single precision. Beside them the serial stepper, which takes the same steps one instance after another.
+`--quick` takes three sizes. The results are written after each size.
 """
 
 from __future__ import annotations
