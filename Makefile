@@ -20,6 +20,9 @@ export LDSIM_DATA := $(abspath ../shared/data)
 endif
 endif
 
+# The examples that have run to their end, whose live pages the site has.
+FINISHED = $(patsubst $(RUNS)/%/report/report.json,%,$(wildcard $(patsubst configs/%.yaml,$(RUNS)/%/report/report.json,$(wildcard configs/*.yaml))))
+
 STAGES := mesh snapshot pca train cubature simulate report
 
 .DEFAULT_GOAL := report
@@ -29,7 +32,7 @@ STAGES := mesh snapshot pca train cubature simulate report
 NAME ?= all
 QUICK ?=
 
-.PHONY: $(STAGES) demo paper settings test bounds lint pictures site clean help
+.PHONY: $(STAGES) demo paper settings test bounds lint examples pictures site clean help
 
 # What is missing or stale `ldsim make` knows, which also works without make. The + asks it under `make -n` too.
 $(STAGES): $(USED)
@@ -74,6 +77,10 @@ lint: $(ENVIRONMENT) ## style and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 
+examples: $(ENVIRONMENT) ## every example of configs/ to its report and its live page: an hour, with LDSIM_DATA hours
+	$(VENV)/bin/python -m reproduction.bench.examples --runs $(RUNS)
+	$(VENV)/bin/python docs/generate.py
+
 pictures: $(ENVIRONMENT) ## every picture of README and the guide but one (reproduction/pictures.py); needs chromium
 	@$(MAKE) --no-print-directory EXPERIMENT=demo report
 	@$(MAKE) --no-print-directory EXPERIMENT=ci report
@@ -81,7 +88,7 @@ pictures: $(ENVIRONMENT) ## every picture of README and the guide but one (repro
 	$(VENV)/bin/python docs/generate.py
 
 site: $(ENVIRONMENT) ## the documentation as a site with search and live pages of the finished runs, in build/site
-	$(foreach run,$(wildcard $(RUNS)/*/simulation.h5),$(LDSIM) export $(dir $(run)) --playground &&) true
+	@$(foreach run,$(FINISHED),$(LDSIM) export $(RUNS)/$(run) --playground &&) true
 	$(VENV)/bin/python -m mkdocs build --strict
 
 clean: ## remove the files of the experiment

@@ -26,7 +26,8 @@ from ldsim.export.playground import assembled
 from ldsim.optimise.solution import Reason
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.schema import RunNumbers
-from ldsim.settings import STAGES, Settings
+from ldsim.report.wording import counted
+from ldsim.settings import STAGES, Settings, load_settings
 from ldsim.simulator import Handle, Outcome, StepRecord
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
@@ -35,6 +36,7 @@ from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not i
 HERE = Path(__file__).parent / "reference"
 LIVE = HERE.parent / "live" / "demo.html"
 CONFIGS = Path(__file__).parent.parent / "configs"
+EXAMPLES = CONFIGS.parent / "reproduction" / "results" / "examples.json"
 MADE = "<!-- Made by docs/generate.py from {source}; do not edit. -->\n"
 Node = Mapping[str, Any]
 
@@ -103,10 +105,15 @@ PYTHON_INTRODUCTION = """# Python
 
 GALLERY_INTRODUCTION = """# Gallery
 
-Every configuration that ships with the project: at rest, and where its first motion moves it most. To run all stages of
-one, `make EXPERIMENT=NAME`; then `ldsim play runs/NAME` lets you pull at it. `make pictures` makes the pictures anew.
+Every configuration that ships with the project: at rest, and where its first motion moves it most. On the site, which
+`make site` builds, each has a live page that simulates in the browser. `make EXPERIMENT=NAME` runs all stages of one,
+and `ldsim play runs/NAME` lets you pull at it then. `make examples` runs all of them, and `make pictures` makes the
+pictures anew.
 
 """
+# What a live page cannot do; docs/site.py puts it beside the link.
+SWINGS = "Its live page swings, as `ldsim play` does: they step in time, while it has learned from equilibria alone."
+PINNED = "Its live page can be pulled at, but cannot move the pins: the motions that do are played in its report."
 
 HEADER_MEANINGS = {
     "kind": "one of " + ", ".join(f"`{kind}`" for kind in SCHEMAS),
@@ -190,17 +197,39 @@ def commands_page() -> str:
 
 
 def gallery_page() -> str:
-    """Every configuration by its first comment, with its picture."""
-    text = MADE.format(source="the first lines of configs/*.yaml") + GALLERY_INTRODUCTION
+    """Every configuration by its first comment, with its picture and what came of it when it last ran."""
+    text = MADE.format(source="configs/*.yaml and what `make examples` found") + GALLERY_INTRODUCTION
+    rows = json.loads(EXAMPLES.read_text(encoding="utf-8"))["rows"]
     for config in sorted(CONFIGS.glob("*.yaml")):
-        content, picture = config.read_text(encoding="utf-8"), f"example_{config.stem}.webp"
-        about = content.partition("\n")[0].removeprefix("# ")
+        about = config.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+        picture = f"pictures/example_{config.stem}.webp"
         text += f"\n## {config.stem}\n\n{about}\n\n"
-        if "LDSIM_DATA" in content:
-            text += "Its mesh and recordings are those of the paper, which are not part of this project.\n"
-        else:
-            text += f"![{config.stem} at rest and moved](pictures/{picture})\n"
+        if (HERE.parent / picture).is_file():
+            text += f"![{config.stem} at rest and moved]({picture})\n\n"
+        text += " ".join([_came_of(config.stem, rows), *_of_live_page(config)]) + "\n"
     return text
+
+
+def _came_of(example: str, rows: list[dict[str, Any]]) -> str:
+    """What its last run came to, in a sentence or two."""
+    found = {row["quantity"]: row["value"] for row in rows if row["model"] == example}
+    paper = "Its mesh and recordings are those of the paper, which are not part of this project. "
+    told = paper if DATA_VARIABLE in (CONFIGS / f"{example}.yaml").read_text(encoding="utf-8") else ""
+    if "chosen space" not in found:
+        return f"{told}It has not run to its end here."
+    space = found["chosen space"].partition("_")[0]
+    motion, error = next((key, value) for key, value in found.items() if key.startswith("its error, "))
+    name = motion.removeprefix("its error, ")
+    told += f"{found['cells']:,} cells, moved by {counted(found['its numbers'], 'number')} in the {space} space"
+    told += "" if error is None else f", {100 * error:.2g} % off in {name}"
+    return f"{told}. Its report says: {found['verdict']}."
+
+
+def _of_live_page(config: Path) -> list[str]:
+    """What its live page lacks, in words."""
+    snapshot = load_settings(config).snapshot
+    moved = any(motion.script is not None and motion.script.moving_pins for motion in snapshot.motions)
+    return [SWINGS] * snapshot.quasistatic + [PINNED] * moved
 
 
 def settings_page() -> str:

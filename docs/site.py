@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File
 
+LOG = logging.getLogger("mkdocs.hooks.site")
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 FROM_ROOT = ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 README = ROOT / "README.md"
-# The demo's page is there for everybody, those of other examples where `ldsim export runs/NAME --playground` made them.
-LIVE = {page.stem: page for page in sorted(ROOT.glob("runs/*/export/*.html")) if page.stem == page.parents[1].name}
+EXAMPLES = sorted(config.stem for config in ROOT.glob("configs/*.yaml"))
+# The demo's page is there for everybody, that of another example where `make site` found its run and exported it.
+LIVE = {name: ROOT / "runs" / name / "export" / f"{name}.html" for name in EXAMPLES}
+LIVE = {name: page for name, page in LIVE.items() if page.is_file()}
 LIVE |= {page.stem: page for page in (HERE / "live").glob("*.html")}
-EXAMPLE = re.compile(r"^## (\w+)\n", re.M)
+# Of the gallery: the name of an example, and what its configuration says of it.
+EXAMPLE = re.compile(r"^## (\w+)\n\n.*\n", re.M)
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -26,6 +31,8 @@ def on_files(files: Any, config: Any) -> Any:
     for name, page in LIVE.items():
         if HERE not in page.parents:
             files.append(File.generated(config, f"live/{name}.html", abs_src_path=str(page)))
+    if lacking := [name for name in EXAMPLES if name not in LIVE]:
+        LOG.info("no live page of %s, which have not run here: make examples, then make site", ", ".join(lacking))
     return files
 
 
@@ -63,4 +70,6 @@ def _moved(markdown: str, own: Path, up: str) -> str:
 
 
 def _live(name: str, up: str) -> str:
-    return f"\n**[Pull at it]({up}live/{name}.html)**: this page simulates by itself.\n" if name in LIVE else ""
+    if name not in LIVE:
+        return f"\nIts live page is not on this copy of the site: `make EXPERIMENT={name}`, then `make site`.\n"
+    return f"\n**[Pull at it]({up}live/{name}.html)**: this page simulates by itself.\n"

@@ -22,7 +22,7 @@ from ldsim.artefacts.records import (
     read_simulation,
 )
 from ldsim.artefacts.snapshots import Recorded, Snapshots
-from ldsim.artefacts.store import WRITTEN_BY, Header, file_hash, read_header, reading
+from ldsim.artefacts.store import STAGE_OF, WRITTEN_BY, Header, file_hash, read_header, reading
 from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.full.options import FullOptions
@@ -62,6 +62,10 @@ class Run:
         self._read: dict[str, tuple[Any, Header]] = {}
         self._hashes: dict[str, str] = {}
         self._open: dict[str, Snapshots] = {}
+
+    def __repr__(self) -> str:
+        there = [kind for kind in STAGE_OF if self.path(kind).is_file()]
+        return f"<Run: {self.experiment} in {self.folder}, {', '.join(there) or 'nothing yet'}>"
 
     @classmethod
     def open(cls, folder: str | Path) -> Run:

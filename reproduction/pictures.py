@@ -20,28 +20,22 @@ from typing import Any
 
 import numpy as np
 
-from ldsim.arrays import Array
 from ldsim.cli.stage import Bars
-from ldsim.dynamics.full.stepper import FullStepper
-from ldsim.dynamics.simulate import simulate
 from ldsim.export.playback import playback
 from ldsim.export.playground import write_playground
 from ldsim.jit import one_thread
-from ldsim.mechanics.loads import MotionLoads
-from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import surface_triangles
-from ldsim.pipeline.mesh import described_scene, mesh
-from ldsim.pipeline.progress import SILENT
-from ldsim.pipeline.snapshot import motion
-from ldsim.report.camera import limits_of, look_at_broadside, upright
+from ldsim.pipeline.mesh import mesh
+from ldsim.report.camera import look_at_broadside, upright
 from ldsim.report.compare import compare
-from ldsim.report.drawing import DrawnPose, Movement, Picture, Pull, moving_pictures, side_by_side, webp
+from ldsim.report.drawing import Movement, moving_pictures, webp
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from reproduction.bench.pipeline import ROOMS, rows_of
 from reproduction.drawings import drawings
+from reproduction.gallery import pictures as example_pictures
 from reproduction.harness import CONFIGS, PICTURES, ROOT, parser, row, write_json, write_results
 from reproduction.pages import input_hashes
 from tests.viewer.browser import Tab, chromium
@@ -212,37 +206,10 @@ def _reported(tab: Tab, runs: Path) -> None:
     page.with_suffix(".json").unlink()
 
 
-def gallery(_: Path) -> None:
+def gallery(runs: Path) -> None:
     """Every example: at rest, and where its first motion moves it most, in the full space."""
-    for config in sorted(CONFIGS.glob("*.yaml")):
-        if "LDSIM_DATA" in config.read_text(encoding="utf-8"):
-            continue  # the paper's own meshes and recordings do not ship with the project
-        settings = load_settings(config)
-        scene = described_scene(settings.mesh, SILENT, CONFIGS)[0]
-        first = motion(scene, settings.snapshot.motions[0], CONFIGS)
-        loads = MotionLoads(first, scene)
-        before: Array | None = None
-        most, shown, pulls = 0.0, np.zeros_like(scene.mesh.vertices), list[Pull]()
-        for i, frame in enumerate(simulate(FullStepper(scene, settings.snapshot), first)):
-            u, grabs = frame.state.u, loads.at(i, before).grabs
-            before = u
-            if (moved := float(np.linalg.norm(u, axis=1).max())) > most:
-                most, shown, at = moved, u, (i + 1) * scene.time_step
-                pulls = [((scene.mesh.vertices + u)[grab.vertices].mean(axis=0), grab.target) for grab in grabs]
-        name = f"example_{config.stem}.webp"
-        picture = _example(scene, shown, pulls, f"{first.name}, {at:.2f} s")
-        picture.save(PICTURES / name, "WEBP", quality=80)
-        keep(name, (PICTURES / name).read_bytes(), [f"configs/{config.name}"])
-
-
-def _example(scene: Scene, u: Array, pulls: Sequence[Pull], title: str) -> Picture:
-    turn = upright(scene.gravity)
-    rest, at = scene.mesh.vertices @ turn.T, (scene.mesh.vertices + u) @ turn.T
-    turned = [(turn @ held, turn @ target) for held, target in pulls]
-    everything = np.concatenate([rest, at, *(np.stack(pull) for pull in turned)])
-    view = look_at_broadside(rest, everything)
-    poses = [DrawnPose("at rest", rest), DrawnPose(title, at, turned)]
-    return side_by_side(poses, surface_triangles(scene.mesh), view, limits_of(view, everything), 720)
+    for config, data in example_pictures(runs):
+        keep(f"example_{config.stem}.webp", data, [f"configs/{config.name}"])
 
 
 def drawn(_: Path) -> None:

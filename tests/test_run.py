@@ -32,6 +32,12 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         yield run
 
 
+def test_a_run_says_what_lies_in_its_folder(own_run: Path, tmp_path: Path) -> None:
+    said = repr(Run.open(own_run))
+    assert said.startswith(f"<Run: playable in {own_run}, scene, ") and "simulation" not in said
+    assert repr(Run(tmp_path / "new")) == f"<Run: new in {tmp_path / 'new'}, nothing yet>"
+
+
 def test_a_run_reads_nothing_before_it_is_asked_for(own_run: Path) -> None:
     for kind in ("basis", "model", "cubature"):
         (own_run / f"{kind}.h5").write_bytes(b"no artefact")

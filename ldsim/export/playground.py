@@ -19,6 +19,7 @@ from ldsim.report.camera import first_look
 from ldsim.report.replay import packed
 from ldsim.report.runs import tests_first
 from ldsim.report.schema import ROLE_NAMES
+from ldsim.report.wording import counted
 from ldsim.run import REDUCED, Run
 from ldsim.runtime import webassembly
 from ldsim.runtime.model_file import model_bytes
@@ -42,7 +43,7 @@ def playground_page(run: Run) -> str:
     """The page; both reduced spaces go into it, the latent one is shown first."""
     mesh, space = run.scene.mesh, run.space("latent")
     cells = f"{mesh.n_cells:,} {CELLS[mesh.cell_type]}"
-    subtitle = f"{cells}, moved by {space.r} numbers and {len(space.rule.points)} cubature points"
+    subtitle = f"{cells}, moved by {counted(space.r, 'number')} and {counted(len(space.rule.points), 'cubature point')}"
     radius, stiffness = default_pull(run)
     pull = {"radius": radius, "stiffness": stiffness}
     about = first_look(run.scene) | {"title": run.experiment, "subtitle": subtitle, "pull": pull}

@@ -8,7 +8,7 @@ from ldsim.pipeline.frontier import NEARLY, Standing, judging, standings
 from ldsim.report.figure import MARKERS, Axis, Figure, Series
 from ldsim.report.runs import runs
 from ldsim.report.schema import ROLE_NAMES, ROLES
-from ldsim.report.wording import readable
+from ldsim.report.wording import counted, readable
 from ldsim.run import Run
 
 MS_PER_S = 1000.0
@@ -52,7 +52,8 @@ def judged(run: Run) -> tuple[str, list[Standing]]:
 def told(run: Run, found: Standing) -> str:
     """A space in words, such as `the linear space of 28 columns`."""
     count = dimension(run, found.space)
-    return f"the latent space of {count} numbers" if found.space == "latent" else f"the linear space of {count} columns"
+    latent = found.space == "latent"
+    return f"the {'latent' if latent else 'linear'} space of {counted(count, 'number' if latent else 'column')}"
 
 
 def advice(run: Run) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.snapshots import ROLES, Recorded
 from ldsim.dynamics.trajectory import Trajectory
+from ldsim.report.wording import counted
 from ldsim.run import REDUCED, Run
 
 
@@ -35,7 +36,8 @@ def dimensions(run: Run) -> dict[str, int]:
 
 def title(run: Run, space: str) -> str:
     """A space with the numbers that it moves by."""
-    words = {"linear": f"linear, {run.model.kp} modes", "latent": f"latent, {run.model.decoder.r} numbers"}
+    linear, latent = counted(run.model.kp, "mode"), counted(run.model.decoder.r, "number")
+    words = {"linear": f"linear, {linear}", "latent": f"latent, {latent}"}
     return words.get(space, f"{space} space")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ldsim.report.schema import ROLE_NAMES, ROLES, FrontierRun, RunNumbers, Verdict
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
-from ldsim.report.wording import readable
+from ldsim.report.wording import counted, readable
 
 # Beyond this online error a motion is another one.
 USELESS_ONLINE_ERROR = 0.3
@@ -15,7 +15,7 @@ def verdict(report: RunNumbers) -> Verdict:
     role = max((run.role for run in report.frontier), key=ROLES.index, default="train")
     runs = [run for run in report.frontier if run.space == report.space and run.role == role]
     name = "latent space" if report.space == "latent" else "linear space"
-    told = f"the {name} of {readable(runs[0].dimension or 0)} numbers" if runs else f"the {name}"
+    told = f"the {name} of {counted(runs[0].dimension or 0, 'number')}" if runs else f"the {name}"
     error, where = _error(report, runs)
     if error is None:
         lost = any(run.diverged for run in report.simulate.latent) if report.space == "latent" else bool(runs)

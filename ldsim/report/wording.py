@@ -25,6 +25,11 @@ def plain_number(value: float) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
+def counted(count: int, what: str) -> str:
+    """How many there are of something, such as `1 number` and `10 numbers`."""
+    return f"{_spaced(count)} {what}{'' if count == 1 else 's'}"
+
+
 def _spaced(value: float) -> str:
     """A number without decimals, its thousands apart by narrow no-break spaces."""
     return f"{value:,.0f}".replace(",", "\u202f")

@@ -74,7 +74,9 @@ class BatchedSimulator:
 
     def __repr__(self) -> str:
         threads = f"{len(self._bounds) - 1} thread{'s' * (self._pool is not None)}"
-        return f"<BatchedSimulator: {len(self)} solids of {self.model.info.r} numbers on {threads}>"
+        r = self.model.info.r
+        solids = f"{len(self)} solid{'s' * (len(self) != 1)} of {r} number{'s' * (r != 1)}"
+        return f"<BatchedSimulator: {solids} on {threads}>"
 
     def __len__(self) -> int:
         return len(self.solids)

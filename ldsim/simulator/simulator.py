@@ -115,7 +115,7 @@ class Simulator:
         self.reset()
 
     def __repr__(self) -> str:
-        count = f" of {self.space.r} numbers" if self.space.basis is not None else ""
+        count = f" of {self.space.r} number{'s' * (self.space.r != 1)}" if self.space.basis is not None else ""
         name = f"{self.space.name} space{count}, {self.scene.mesh.n_vertices:,} vertices"
         grabs = f"{len(self.held)} grab{'s' * (len(self.held) != 1)}"
         return f"<Simulator: {name}, at {self.time:.4g} s with {grabs}>"

@@ -35,7 +35,7 @@ PARTS = {
 AT_MOST_S = 360.0
 # What `ldsim make` says before it runs a stage.
 BEGINS = re.compile(rf"({'|'.join(STAGES)}): stage ")
-MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > 0.01"
+MOVED = "Math.max(...ldsim.positions(0).map((x, i) => Math.abs(x - before[i]))) > {:g}"
 
 
 def measured(part: str, folder: Path) -> dict[str, float]:
@@ -70,8 +70,15 @@ def processors() -> float:
 
 
 @contextmanager
-def pulled(url: str, size: tuple[int, int] = (1280, 800)) -> Iterator[tuple[Tab, tuple[float, float]]]:
-    """The page, where the solid has been dragged at the upper middle and has moved; released when the block ends.
+def pulled(
+    url: str, size: tuple[int, int] = (1280, 800), least: float = 0.01
+) -> Iterator[tuple[Tab, tuple[float, float]]]:
+    """The page, where the solid has been dragged and has moved, at the upper middle or else at its right end.
+
+    It is released when the block ends.
+
+    Args:
+        least: by which it has moved, m.
 
     Yields:
         The tab, and where the pointer took hold, pixels.
@@ -81,16 +88,21 @@ def pulled(url: str, size: tuple[int, int] = (1280, 800)) -> Iterator[tuple[Tab,
         tab.open(url)
         tab.wait("window.ldsim !== undefined && ldsim.ready")
         at = tab.evaluate(
-            f"""(() => {{ before = Array.from(ldsim.positions(0));
+            f"""(() => {{ let right = null;
+              before = Array.from(ldsim.positions(0));
               for (let i = 0; i < before.length / 3; i++) {{
                 const [offsetX, offsetY] = ldsim.screen(0, i);
-                if (offsetY < {0.41 * size[1]:g} && ldsim.stage.hit({{ offsetX, offsetY }})) return [offsetX, offsetY];
-              }} }})()"""
+                if (right && offsetX <= right[0] && offsetY >= {0.41 * size[1]:g}) continue;
+                if (!ldsim.stage.hit({{ offsetX, offsetY }})) continue;
+                if (offsetY < {0.41 * size[1]:g}) return [offsetX, offsetY];
+                right = [offsetX, offsetY];
+              }}
+              return right; }})()"""
         )
         tab.mouse("mousePressed", at)
         for i in range(1, 9):
             tab.mouse("mouseMoved", (at[0] + 10 * i, at[1] - 8 * i))
-        tab.wait(MOVED)
+        tab.wait(MOVED.format(least))
         yield tab, at
         tab.mouse("mouseReleased", at)
 

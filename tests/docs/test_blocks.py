@@ -2,13 +2,15 @@
 
 Python: run by test_examples.py, test_batched_page.py, tests/export/test_fmu.py and here; none is left out. YAML: read
 as a configuration by test_docs.py. C: compiled and run here. Lines for a shell: those of `ldsim` that take seconds are
-run here, on a small run in place of the demo; those that take minutes, wait for a hand or want a cluster are only read,
-by the command line (test_commands.py) and by bash. The examples that `ldsim export` writes are run by tests/runtime.
+run here, on a small run in place of the demo; those that take minutes or wait for a hand have been run by
+`python -m reproduction.bench.blocks`, which says of the few others why nothing can run them, and are read here by the
+command line (test_commands.py) and by bash. The examples that `ldsim export` writes are run by tests/runtime.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import shlex
 import shutil
@@ -38,7 +40,9 @@ from ldsim.report.options import ReportOptions
 from ldsim.report.report import report
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.options import PcaOptions
-from tests.docs.test_commands import PAGES, parse, typed
+from reproduction.bench.blocks import RESULT
+from reproduction.bench.blocks_lines import QUICK, REASONS, is_quick, lines_of, reason
+from tests.docs.test_commands import MADE, PAGES, TYPED, parse, typed
 from tests.mesh.painted import WRITERS
 from tests.report import small_run
 from tests.runtime.conftest import cc as cc
@@ -57,7 +61,6 @@ PYTHON = {
     "runtime.md": 2,
     "simulator.md": 7,
 }
-QUICK = ("info", "list", "open", "export", "compare")
 SHELL = re.compile(r"^    (?:\S+=\S* )*(?:\.venv/bin/)?(python -m|pip install|dask) ([^#\n]*)", re.M)
 
 
@@ -129,6 +132,33 @@ def test_commands_of_other_programs_name_what_is_there() -> None:
             for name in re.findall(r"\[([\w,]+)\]", rest):
                 assert set(name.split(",")) <= set(extras), f"{page.name}: {rest}"
     assert seen >= 5
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_line_for_a_shell_ran_or_there_is_a_reason_why_it_cannot(page: Path) -> None:
+    ran = {
+        each["quantity"]: each["value"]
+        for each in json.loads(RESULT.read_text("utf-8"))["rows"]
+        if each["model"] == page.stem
+    }
+    for line in lines_of(page):
+        if not is_quick(line) and reason(line) is None:
+            assert ran.get(line) == 0, (
+                f"{page.name}: `{line}` "
+                + ("has not run" if line not in ran else f"ended with {ran[line]}")
+                + f": python -m reproduction.bench.blocks --folder FOLDER {page.stem}"
+            )
+
+
+def test_every_command_that_is_typed_is_among_the_lines_and_every_reason_is_of_one() -> None:
+    """What finds the lines to run misses none of those that are found otherwise."""
+    lines = [line for page in PAGES for line in lines_of(page)]
+    for page in PAGES:
+        own = " ".join(lines_of(page))
+        for words in [*typed(TYPED, page), *typed(MADE, page)]:
+            assert " ".join(words[:2]) in own, f"{page.name}: {words}"
+    assert all(any(line.startswith(begins) for line in lines) for begins in REASONS)
+    assert sum(map(is_quick, lines)) > 20
 
 
 def test_what_is_for_bash_or_a_cluster_can_be_read() -> None:

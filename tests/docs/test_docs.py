@@ -37,7 +37,8 @@ def _name(page: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md", "demo.html"]
+    "name",
+    ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md", "gallery.md", "demo.html"],
 )
 def test_a_generated_page_is_what_the_code_says(name: str) -> None:
     found = {path: text for path, text in _generator().pages().items() if path.name == name}

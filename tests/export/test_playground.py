@@ -152,7 +152,11 @@ def test_a_drag_beside_the_solid_turns_the_view_and_pulls_nothing(opened: Tab) -
 def test_two_fingers_on_the_solid_are_two_pulls(opened: Tab) -> None:
     rest(opened)
     x, y = opened.evaluate(FIND_PLACE)
-    opened.touch("touchStart", [(x, y), (x - 3, y + 3)])
+    beside = [(x + a, y + b) for a in (-3, 0, 3) for b in (-3, 0, 3) if a or b]
+    hits = opened.evaluate(
+        f"{json.dumps(beside)}.map(([offsetX, offsetY]) => Boolean(ldsim.stage.hit({{ offsetX, offsetY }})))"
+    )
+    opened.touch("touchStart", [(x, y), beside[hits.index(True)]])
     assert opened.evaluate("ldsim.source.pulls.size") == 2
     opened.touch("touchEnd", [])
     assert opened.evaluate("ldsim.source.pulls.size") == 0

@@ -17,7 +17,7 @@ from ldsim.report.paper import PAPER_TABLE_1
 from ldsim.report.pictures import Picture
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
-from ldsim.report.wording import readable
+from ldsim.report.wording import counted, readable
 from tests.report.example_report import example_report
 
 WEBP = b"RIFF\x00\x00\x00\x00WEBP" + bytes(8)
@@ -159,6 +159,15 @@ def test_what_was_not_measured_is_a_dash():
     assert page_of(report).count("not measured") == before + 8
 
 
+@pytest.mark.parametrize(
+    ("ratio", "words"), [(4.0, "is 4.00\u202f× as fast as one"), (0.5, "takes 2.00\u202f× as long as one")]
+)
+def test_a_space_that_is_slower_is_said_to_take_longer(ratio: float, words: str) -> None:
+    report = example_report()
+    report["speedup"]["latent_over_linear_kp"] = ratio
+    assert words in "".join(Outline(page_of(report)).texts).replace("\n", " ")
+
+
 def test_a_run_that_simulated_nothing_still_has_a_page():
     report = example_report()
     report["simulate"] = {"full": [], "linear": [], "latent": []}
@@ -229,3 +238,7 @@ def test_the_verdict_comes_first_and_the_configuration_can_be_copied():
 )
 def test_numbers_read_well(value, expected):
     assert readable(value) == expected
+
+
+def test_one_thing_is_not_said_to_be_several():
+    assert [counted(n, "number") for n in (1, 2, 1200)] == ["1 number", "2 numbers", "1\u202f200 numbers"]

@@ -269,6 +269,32 @@ def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) ->
         assert right <= whole[2] - 4 and top >= whole[1] + 4
         for other in boxes[:i]:
             assert right <= other[0] or other[2] <= left or bottom <= other[1] + 3 or other[3] <= top + 3
+    levels = tab.evaluate(
+        "[...document.querySelectorAll('#hold .plot .guide:not(.upright) path')]"
+        ".map((e) => e.getBoundingClientRect().top)"
+    )
+    assert len(levels) == 3
+    assert not [(box, y) for box in boxes for y in levels if box[1] + 2 < y < box[3] - 2]
+
+
+def test_words_in_a_figure_keep_off_its_curves(tab: Tab, tmp_path: Path) -> None:
+    """A peak just where the words about a line near the top would stand first."""
+    x = np.linspace(0, 1, 101)
+    peak = curve("error", "linear", x, 0.2 + 0.8 * np.exp(-(((x - 0.9) / 0.02) ** 2)))
+    figure = Figure("Errors", Axis("s"), Axis("mm", zero=True), (peak,), guides=(Guide(1.0, "warned of above 1"),))
+    file = tmp_path / "a.html"
+    figures = {"error_against_k": (figure, drawn(figure))}
+    file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
+    crossed = show(tab, file, 1280, 800).evaluate(
+        """(() => {
+          const words = document.querySelector('#hold .plot .guide text').getBoundingClientRect();
+          const path = document.querySelector('#hold .plot svg[role=img] .curve'), to = path.getScreenCTM();
+          return Array.from({ length: 2000 }, (_, i) => path.getPointAtLength((path.getTotalLength() * i) / 2000))
+            .map((point) => point.matrixTransform(to))
+            .some(({ x, y }) => x > words.left && x < words.right && y > words.top + 2 && y < words.bottom - 2);
+        })()"""
+    )
+    assert crossed is False
 
 
 def test_without_webgl_the_replay_stays_away_and_figures_still_answer(tab: Tab, page: Path) -> None:

@@ -6,6 +6,7 @@ import { Model, Solid, runtimeOf } from "./solid.js";
 import { minus } from "./vector.js";
 
 const BUDGET_MS = 24; // of stepping in one picture, so that the page stays responsive where steps are slow
+const MEAN_STEPS = 200; // that the time of a step is told of: the clock of a page is coarser than a step
 const PATIENCE = 20; // steps in a row that may be lost before the solid starts again
 
 const HELD = 3; // an outcome of ldsim_step
@@ -94,7 +95,8 @@ export class Local {
     this.prepare();
     for (const [name, solid] of Object.entries(this.solids)) {
       const before = performance.now(), record = solid.step(), taken = performance.now() - before;
-      this.records[name] = { ...record, milliseconds: 0.9 * (this.records[name]?.milliseconds ?? taken) + 0.1 * taken };
+      const { milliseconds = 0, count = 0 } = this.records[name] ?? {}, share = 1 / Math.min(count + 1, MEAN_STEPS);
+      this.records[name] = { ...record, count: count + 1, milliseconds: milliseconds + share * (taken - milliseconds) };
       held ||= record.outcome === HELD && this.names.includes(name);
     }
     this.seconds += this.h;

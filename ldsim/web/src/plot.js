@@ -38,6 +38,12 @@ function putMark(parent, { marker, dashed }, radius, transform) {
   put(parent, "path", { ...look, d: SHAPES[marker], transform: `${transform} scale(${radius})` });
 }
 
+/** Places on the way to one, some four units apart. */
+function along([a, b], [c, d]) {
+  const count = Math.max(1, Math.ceil(Math.hypot(c - a, d - b) / 4));
+  return Array.from({ length: count }, (_, i) => [a + ((c - a) * (i + 1)) / count, b + ((d - b) * (i + 1)) / count]);
+}
+
 const putLine = (parent, { kind, dashed, faint }, d) =>
   put(parent, "path", { class: words("curve", kind, dashed && "dashed", faint && "faint"), d });
 
@@ -164,9 +170,7 @@ export class Plot {
       const [begin, end] = ends.map((value) => x.place(value));
       put(inside, "rect", { ...area, class: "shade", x: begin, width: end - begin });
     }
-    this.taken = this.curves.filter(({ kind }) => kind === "marks").flatMap(({ scales: [X, Y], points }) => {
-      return points.map(([a, b]) => [X.place(a) - 4, Y.place(b) - 4, X.place(a) + 4, Y.place(b) + 4]);
-    });
+    this.taken = this.covered();
     for (const series of this.series) this.drawSeries(series, put(inside, "g", tone(series)));
     const guides = data.guides.toSorted((a, b) => (b.axis === "x") - (a.axis === "x")); // level ones find a place beside upright ones
     for (const guide of guides) if (this[guide.axis].holds(guide.at)) this.drawGuide(guide, put(inside, "g", tone(guide)));
@@ -195,6 +199,19 @@ export class Plot {
     if (right) text("x", aside(WIDTH - 4), right.label);
   }
 
+  /** Boxes of what no text should lie on: marks, curves and level lines. */
+  covered() {
+    const { x, data } = this, around = ([a, b], rim) => [a - rim, b - rim, a + rim, b + rim];
+    const level = data.guides.filter(({ axis, at }) => axis !== "x" && this[axis].holds(at));
+    const boxes = level.map(({ axis, at }) => [x.from, this[axis].place(at) - 1, x.to, this[axis].place(at) + 1]);
+    for (const { kind, scales: [X, Y], points } of this.curves) {
+      const places = points.map(([a, b]) => [X.place(a), Y.place(b)]);
+      if (kind === "marks") boxes.push(...places.map((place) => around(place, 4)));
+      else for (const [i, end] of places.entries()) boxes.push(...along(places[i - 1] ?? end, end).map((place) => around(place, 1)));
+    }
+    return boxes;
+  }
+
   /** Of some boxes (left, top, right, bottom) for a text, the number of the first that nothing lies in, or else the first. */
   free(boxes) {
     const apart = (a, b) => a[2] < b[0] || b[2] < a[0] || a[3] < b[1] || b[3] < a[1];
@@ -210,11 +227,20 @@ export class Plot {
     put(group, "path", { d: upright ? `M${place} ${y.from}V${y.to}` : `M${x.from} ${place}H${x.to}` });
     const long = LETTER * text.length;
     if (upright) {
-      const sides = [place - 3, place + 9], i = this.free(sides.map((side) => [side - 8, y.to, side + 1, y.to + long]));
-      put(group, "text", { class: "y", transform: `translate(${sides[i]} ${y.to + 2}) rotate(-90)` }, text);
+      const places = Array.from({ length: 13 }, (_, i) => i / 12);
+      const tops = places.map((share) => y.to + share * (y.from - 4 - long - y.to)); // where a text along the line begins
+      const beside = places.map((share) => y.to + share * (y.from - 14 - y.to)); // and where a level one is, if none of these is free
+      const boxes = [
+        ...tops.flatMap((top) => [[place - 11, top, place - 2, top + long], [place + 1, top, place + 10, top + long]]),
+        ...beside.flatMap((top) => [[place - 4 - long, top, place - 4, top + 9], [place + 4, top, place + 4 + long, top + 9]]),
+      ];
+      const i = this.free(boxes), [, top, right] = boxes[i];
+      const turned = i < 2 * places.length ? `translate(${right - 1} ${top + 2}) rotate(-90)` : `translate(${right} ${top + 8})`;
+      put(group, "text", { class: "y", transform: turned }, text);
       return;
     }
-    const ends = [[x.to - 3 - long, place - 3], [x.to - 32 - long, place - 3], [x.from + 4, place - 3], [x.to - 3 - long, place + 9], [x.from + 4, place + 9]];
+    const lefts = [0, 0.2, 0.4, 0.6, 0.8, 1].map((share) => x.to - 3 - long - share * (x.to - x.from - 7 - long));
+    const ends = [-3, 10].flatMap((under) => lefts.map((left) => [left, place + under]));
     if (atStart) ends.reverse();
     const [left, base] = ends[this.free(ends.map(([from, under]) => [from, under - 8, from + long, under + 1]))];
     const last = left + long > x.to - 4; // at the right end, whatever the font

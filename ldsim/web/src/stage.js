@@ -107,7 +107,9 @@ export class Stage {
     const feet = [...pinned.keys()].filter((v) => pinned[v]).map((v) => upright[3 * v + 1] - low[1]);
     const stands = feet.length > 0 && feet.reduce((a, b) => a + b, 0) < 0.1 * diagonal * feet.length;
     this.view.floor = low[1] - (stands ? 0.002 : 0.3) * diagonal;
-    camera.frame(centre, 1.1 * diagonal);
+    this.room = (stands ? 1.1 : 1.3) * diagonal; // what hangs sags, out of a view of its rest alone
+    if (!stands) this.centre = [centre[0], centre[1] - 0.12 * diagonal, centre[2]];
+    camera.frame(this.centre, this.room);
   }
 
   /** The axes of the screen, upright, in the frame of the solid; gravity is tilted along them. */
@@ -124,7 +126,7 @@ export class Stage {
     this.grabs = []; // those of the next frame fit the spaces
     byId("labels").style.setProperty("--shown", spaces.length);
     byId("labels").replaceChildren(...(spaces.length > 1 ? this.shapes.map(({ label }) => label) : []));
-    this.camera.frame(this.centre, 1.1 * this.diagonal, middle * this.aside);
+    this.camera.frame(this.centre, this.room, middle * this.aside);
   }
 
   /** The palette's colours as they are now. */

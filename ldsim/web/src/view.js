@@ -113,7 +113,8 @@ export class View {
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.disable(gl.DEPTH_TEST);
     gl.bindVertexArray(null);
-    const cell = 10 ** Math.floor(Math.log10(camera.diagonal / 3)), middle = [centre[0], this.floor, centre[2]];
+    const most = camera.diagonal / 3, power = 10 ** Math.floor(Math.log10(most));
+    const cell = [5, 2, 1].find((step) => step * power <= most) * power, middle = [centre[0], this.floor, centre[2]];
     this.ground.use({ ...lit, shade, grid, cell, middle, reach: 5 * (camera.diagonal + camera.span) });
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.enable(gl.DEPTH_TEST);
