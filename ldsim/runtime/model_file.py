@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,14 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mesh.surface import Surface
 from ldsim.space.anchors import Anchors
 from ldsim.space.compliance import Compliance
+from ldsim.space.decoder import decode
 from ldsim.space.space import Space
 
 # In the order of ldsim.c; another one is refused by its name.
 KNOWN = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
 MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 2, 256
 MAX_LAYERS = 8
-Arrays = dict[str, NDArray[np.generic]]
+Arrays = dict[str, NDArray[Any]]
 
 
 class Pieces(NamedTuple):
@@ -70,10 +71,10 @@ def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, sin
             f"the C library steps by method bfgs with current: true; got {options.method}, current: {options.current}"
         )
     space = space.by_material()
-    pieces = _pieces(space, options, single)
-    body = b"".join(_padded(array.tobytes()) for array in pieces.arrays.values())
-    header = np.array(pieces.counts, dtype="<u4").tobytes().ljust(HEADER - 40 - 8 * len(pieces.numbers), b"\0")
-    rest = header + np.array(pieces.numbers, dtype="<f8").tobytes() + body
+    parts = pieces(space, options, single)
+    body = b"".join(_padded(array.tobytes()) for array in parts.arrays.values())
+    header = np.array(parts.counts, dtype="<u4").tobytes().ljust(HEADER - 40 - 8 * len(parts.numbers), b"\0")
+    rest = header + np.array(parts.numbers, dtype="<f8").tobytes() + body
     size = np.array([40 + len(rest)], dtype="<u8").tobytes()
     return MAGIC + np.array([VERSION, HEADER], dtype="<u4").tobytes() + size + checksum(rest) + rest
 
@@ -90,7 +91,8 @@ def _padded(data: bytes) -> bytes:
     return data + b"\0" * (-len(data) % 8)
 
 
-def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
+def pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
+    """Of a space whose points are sorted by material."""
     scene, basis = space.scene, space.reduced_basis
     compiled = ReducedStepper(space, options).compiled()[0]
     layers, novelty, condensed = compiled.layers, space.novelty, space.compliance is not None
@@ -121,9 +123,16 @@ def _pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     widths = [int(width) for width in layers.sizes[1:]]
     if len(widths) > MAX_LAYERS:
         raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
-    counts = [scene.mesh.n_vertices, len(triangles), space.r, space.decoder.k]
-    counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), 0]
-    counts += [int(layers.skip.size > 0), compiled.G.shape[2], len(compiled.weights), int(len(compiled.inertia) > 1)]
+    if folded := _is_folded(space, compiled):
+        widths, arrays = widths[:-1], _folded(space, arrays)
+    counts = [scene.mesh.n_vertices, len(triangles), space.r, len(arrays["load"])]
+    counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), int(folded)]
+    counts += [
+        int(layers.skip.size > 0),
+        arrays["maps"].shape[0],
+        len(compiled.weights),
+        int(arrays["inertia"].ndim > 1),
+    ]
     held = (0, 0, 0, 0)
     if anchors is not None:
         held = (len(anchors.matrix) // 3, anchors.near.shape[1], *scene.mesh.cells.shape)
@@ -148,10 +157,49 @@ def _network(space: Space) -> Iterator[tuple[str, NDArray[np.generic]]]:
     yield from (("at_zero", _f8(decoder.layers.rest)), ("skip", _f8(decoder.layers.skip)))
 
 
+def _is_folded(space: Space, compiled: Reduced) -> bool:
+    """Whether a step has fewer products where the last layer is multiplied into all that reads its outputs."""
+    decoder = space.decoder
+    if len(decoder.weights) < 2:
+        return False
+    r, k, (c, _, mapped) = decoder.r, decoder.k, compiled.G.shape
+    w, skipped = len(decoder.weights[-1]), 0 if decoder.skip is None else r
+    if w + skipped < r:  # a model has as many features as coordinates at least
+        return False
+    here = w * k + skipped * k + 9 * c * mapped + (len(compiled.inertia) * k if len(compiled.inertia) > 1 else 0)
+    there = 9 * c * (w + skipped) + (w + skipped) ** 2 / 2
+    return bool(there < here)
+
+
+def _folded(space: Space, arrays: Arrays) -> Arrays:
+    """The arrays for the features (a, z), with a what the last hidden layer says, z only where there is a skip.
+
+    With the weights W of the last layer q = N(z) − N(0) + Aᵀz is Wᵀ (a − a(0)) + Aᵀz, for its biases cancel: P times
+    the features. What is linear in q follows.
+    """
+    decoder, last = space.decoder, len(space.decoder.weights) - 1
+    W, skip, hidden = decoder.weights[last], decoder.skip, np.empty(decoder.hidden_size)
+    decode(decoder.layers, np.zeros(decoder.r), hidden, np.empty(decoder.k))
+    P = W.T if skip is None else np.concatenate([W.T, skip.T], axis=1)
+    inertia, basis = arrays["inertia"], arrays["basis"]
+    folded: Arrays = {
+        "at_zero": _f8(hidden[-len(W) :]),
+        "skip": _f8(np.empty(0) if skip is None else np.eye(decoder.r, P.shape[1], len(W))),
+        "maps": _f8(np.einsum("jec,jf->fec", arrays["maps"], P[: len(arrays["maps"])])),
+        "inertia": _f8(P.T @ (inertia @ P if inertia.ndim > 1 else inertia[:, None] * P)),
+        "basis": (basis @ P).astype(basis.dtype),
+    }
+    for name in ("load", "unit_weight", "lifted_inertia"):
+        folded[name] = _f8(P.T @ arrays[name]) if arrays[name].size else arrays[name]
+    gone = (f"weights_{last}", f"biases_{last}")
+    return {name: folded.get(name, array) for name, array in arrays.items() if name not in gone}
+
+
 def _reduced(compiled: Reduced) -> Arrays:
     """Strain maps by coordinate, (j, 9, c): a strain is then a sum of rows that lie in one piece."""
     maps = np.ascontiguousarray(compiled.G.transpose(2, 1, 0))
-    numbers = {"weights": compiled.weights, "mu": compiled.mu, "lam": compiled.lam, "inertia": compiled.inertia}
+    inertia = compiled.inertia if len(compiled.inertia) > 1 else compiled.inertia[0]
+    numbers = {"weights": compiled.weights, "mu": compiled.mu, "lam": compiled.lam, "inertia": inertia}
     return {"maps": _f8(maps), **{name: _f8(values) for name, values in numbers.items()}}
 
 

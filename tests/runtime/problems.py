@@ -64,6 +64,15 @@ def thinned(solid: Scene) -> CubatureRule:
     return CubatureRule(points, 3 * solid.points.weights[points], 0.0)
 
 
+def narrow() -> Decoder:
+    """Nearly linear, and with so narrow a last hidden layer that the library's models do without the last one."""
+    rng = np.random.default_rng(6)
+    there = np.concatenate([np.eye(R), 0.5 * rng.normal(size=(R, R))], axis=1)
+    back = np.concatenate([np.eye(R), 0.3 * rng.normal(size=(R, R))], axis=0)
+    biases = [0.3 * rng.normal(size=2 * R), 0.3 * rng.normal(size=R), rng.normal(size=K)]
+    return Decoder.network([there, back, np.eye(R, K) + 0.2 * rng.normal(size=(R, K))], biases, "tanh")
+
+
 def latent(material: str = "neo_hookean", decoder: Decoder | None = None) -> Space:
     solid = body(material)
     rng = np.random.default_rng(5)
@@ -122,8 +131,8 @@ def anchored(space: Space, count: int = 30) -> Space:
     return replace(space, compliance=space.compliance.anchored(anchors))
 
 
-def with_moving_pins() -> Space:
-    space = latent()
+def with_moving_pins(decoder: Decoder | None = None) -> Space:
+    space = latent(decoder=decoder)
     solid = space.scene
     held = np.flatnonzero(solid.pinned)
     steps = np.tile(np.eye(3, 4), (2, 1, 1))
@@ -142,7 +151,9 @@ SPACES |= {
     "latent of one layer": lambda: latent(decoder=curved(layers=1)),
     "latent of four layers": lambda: latent(decoder=curved(layers=4)),
     "latent of two materials": mixed,
+    "latent with a narrow layer": lambda: latent(decoder=narrow()),
     "latent with moving pins": with_moving_pins,
+    "latent with a narrow layer and moving pins": lambda: with_moving_pins(narrow()),
 }
 
 

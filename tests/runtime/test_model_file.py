@@ -97,7 +97,7 @@ def test_a_damaged_model_is_refused_in_words(library: Library, case: str) -> Non
 
 @pytest.mark.parametrize("name", ["triangles", "movable", "kind", "near"])
 def test_an_index_out_of_range_is_refused(library: Library, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = model_file._pieces
+    made = model_file.pieces
 
     def spoilt(*given: object) -> model_file.Pieces:
         pieces = made(*given)  # type: ignore[arg-type]
@@ -105,20 +105,20 @@ def test_an_index_out_of_range_is_refused(library: Library, name: str, monkeypat
         values.flat[values.size // 2] = 2**31
         return pieces._replace(arrays=pieces.arrays | {name: values})
 
-    monkeypatch.setattr(model_file, "_pieces", spoilt)
+    monkeypatch.setattr(model_file, "pieces", spoilt)
     with pytest.raises(SolverError, match="the model has an index that is out of range"):
         NativeModel(library, model_bytes(condensed()))
 
 
 @pytest.mark.parametrize("name", ["weights", "mu"])
 def test_a_weight_that_is_not_positive_is_refused(library: Library, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = model_file._pieces
+    made = model_file.pieces
 
     def spoilt(*given: object) -> model_file.Pieces:
         pieces = made(*given)  # type: ignore[arg-type]
         return pieces._replace(arrays=pieces.arrays | {name: -np.asarray(pieces.arrays[name], dtype=np.float64)})
 
-    monkeypatch.setattr(model_file, "_pieces", spoilt)
+    monkeypatch.setattr(model_file, "pieces", spoilt)
     with pytest.raises(SolverError, match="a number that must be positive"):
         NativeModel(library, model_bytes(latent()))
 
