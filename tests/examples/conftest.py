@@ -1,0 +1,39 @@
+"""A small run with what is exported of it, as somebody who tries the examples has it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ldsim import Run
+from ldsim.export.formats import Choice, export
+from ldsim.runtime.compilers import HERE, compiler
+from ldsim.runtime.library import NativeModel, local_library
+from tests.report.small_run import write_run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project's root in which everything is exported: `.ci/run` fails where there is no compiler."""
+    if compiler() is None:
+        pytest.skip("no C compiler (cc, gcc or clang) is installed: it builds the library")
+    folder = tmp_path_factory.mktemp("root")
+    shutil.copytree(EXAMPLES, folder / "examples", symlinks=True)
+    run = folder / "runs" / "demo"
+    run.mkdir(parents=True)
+    write_run(run)
+    with Run.open(run) as opened:
+        export(opened, Choice("c", platforms=(HERE,)))
+        export(opened, Choice("wasm"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(root: Path) -> NativeModel:
+    """The exported model in the library as Python calls it: the reference of every example."""
+    data = (root / "runs" / "demo" / "export" / "demo-c" / "model.ldsim").read_bytes()
+    return NativeModel(local_library(), data)
