@@ -9,6 +9,7 @@ import pytest
 
 from ldsim import Run
 from ldsim.export.formats import Choice, export
+from ldsim.mechanics.scene import Scene
 from ldsim.runtime.compilers import HERE, compiler
 from ldsim.runtime.library import NativeModel, local_library
 from tests.report.small_run import write_run
@@ -37,3 +38,9 @@ def model(root: Path) -> NativeModel:
     """The exported model in the library as Python calls it: the reference of every example."""
     data = (root / "runs" / "demo" / "export" / "demo-c" / "model.ldsim").read_bytes()
     return NativeModel(local_library(), data)
+
+
+@pytest.fixture(scope="module")
+def scene(root: Path) -> Scene:
+    with Run.open(root / "runs" / "demo") as run:
+        return run.scene

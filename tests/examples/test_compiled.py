@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldsim import Run
 from ldsim.arrays import Array
 from ldsim.mechanics.scene import Scene
 from ldsim.runtime.compilers import HERE
@@ -38,12 +37,6 @@ def said(root: Path, script: str) -> str:
     done = subprocess.run(["sh", "-e", "-c", script], cwd=root, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-@pytest.fixture(scope="module")
-def scene(root: Path) -> Scene:
-    with Run.open(root / "runs" / "demo") as run:
-        return run.scene
 
 
 def farthest(scene: Scene) -> int:
