@@ -5,13 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ldsim import Run
+from ldsim.arrays import Array
 from ldsim.export.formats import Choice, export
 from ldsim.mechanics.scene import Scene
 from ldsim.runtime.compilers import HERE, compiler
-from ldsim.runtime.library import NativeModel, local_library
+from ldsim.runtime.library import NativeModel, NativeSolid, local_library
 from tests.report.small_run import write_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -44,3 +46,20 @@ def model(root: Path) -> NativeModel:
 def scene(root: Path) -> Scene:
     with Run.open(root / "runs" / "demo") as run:
         return run.scene
+
+
+def farthest(scene: Scene) -> int:
+    """The movable vertex farthest from the middle of the pins."""
+    x = scene.mesh.vertices
+    away = np.linalg.norm(x - x[~scene.movable].mean(axis=0), axis=1)
+    return int(np.where(scene.movable, away, -1.0).argmax())
+
+
+def pulled(model: NativeModel, scene: Scene) -> tuple[Array, Array]:
+    """Where the vertex hangs and with what force, after 200 steps of the pull that the examples make."""
+    solid, vertex = NativeSolid(model), farthest(scene)
+    point = scene.mesh.vertices[vertex]
+    grab = solid.grab(point, point + [0.0, 0.25 * scene.mesh.diagonal, 0.0])
+    for _ in range(200):
+        solid.step()
+    return point + solid.displacement(np.array([vertex]))[0], solid.force(grab)

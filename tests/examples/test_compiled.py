@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldsim.arrays import Array
 from ldsim.mechanics.scene import Scene
 from ldsim.runtime.compilers import HERE
 from ldsim.runtime.library import NativeModel, NativeSolid
-from tests.examples.conftest import EXAMPLES
+from tests.examples.conftest import EXAMPLES, farthest, pulled
 
 NUMBER = r"([-+]?\d+\.\d+)"
 needs_cpp = pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed: it builds the example in C++")
@@ -37,23 +36,6 @@ def said(root: Path, script: str) -> str:
     done = subprocess.run(["sh", "-e", "-c", script], cwd=root, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def farthest(scene: Scene) -> int:
-    """The movable vertex farthest from the middle of the pins."""
-    x = scene.mesh.vertices
-    away = np.linalg.norm(x - x[~scene.movable].mean(axis=0), axis=1)
-    return int(np.where(scene.movable, away, -1.0).argmax())
-
-
-def pulled(model: NativeModel, scene: Scene) -> tuple[Array, Array]:
-    """Where the vertex hangs and with what force, after 200 steps of the pull that the examples make."""
-    solid, vertex = NativeSolid(model), farthest(scene)
-    point = scene.mesh.vertices[vertex]
-    grab = solid.grab(point, point + [0.0, 0.25 * scene.mesh.diagonal, 0.0])
-    for _ in range(200):
-        solid.step()
-    return point + solid.displacement(np.array([vertex]))[0], solid.force(grab)
 
 
 @pytest.mark.parametrize(
