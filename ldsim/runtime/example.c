@@ -35,7 +35,7 @@ int main(int count, char **words)
         if (step >= 20 && step < 120) check(ldsim_force(solid, pull, force));
         check(ldsim_displacement(solid, &far, 1, u));
         if (step % 20 == 19)
-            printf("%.3f s: moved by %+.4f %+.4f %+.4f m, pulled with %.4f N, %d iterations\n",
+            printf("%.3f s: moved by %+.6f %+.6f %+.6f m, pulled with %.4f N, %d iterations\n",
                    (step + 1) * info.time_step, u[0], u[1], u[2], step < 120 ? force[0] : 0.0, record.iterations);
     }
     ldsim_destroy(solid);

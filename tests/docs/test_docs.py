@@ -14,7 +14,9 @@ import yaml
 from ldsim.settings import Settings
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "examples" / "README.md", *(ROOT / "docs").rglob("*.md")]
+)
 # What is frozen shows configurations as they were.
 LIVE = [page for page in PAGES if page.parent.name != "notebook"]
 EXAMPLE = ROOT / "README.md"
