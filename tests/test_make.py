@@ -137,6 +137,7 @@ def test_help_lists_every_goal() -> None:
         *CHAIN,
         "demo",
         "paper",
+        "examples",
         "pictures",
         "test",
         "lint",
