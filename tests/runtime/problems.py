@@ -64,6 +64,13 @@ def thinned(solid: Scene) -> CubatureRule:
     return CubatureRule(points, 3 * solid.points.weights[points], 0.0)
 
 
+def one_unit() -> Decoder:
+    """A skip, and beside it one unit in the last hidden layer."""
+    rng = np.random.default_rng(7)
+    weights = [rng.normal(size=(R, 8)), rng.normal(size=(8, 1)), 0.02 * rng.normal(size=(1, K))]
+    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=1), np.zeros(K)], "elu", np.eye(R, K))
+
+
 def narrow() -> Decoder:
     """Nearly linear, and with so narrow a last hidden layer that the library's models do without the last one."""
     rng = np.random.default_rng(6)
@@ -86,14 +93,14 @@ def linear(material: str = "neo_hookean") -> Space:
     return reduced_space(solid, smooth_basis(solid), None, thinned(solid))
 
 
-def mixed() -> Space:
+def mixed(decoder: Decoder | None = None) -> Space:
     """Two materials, whose points alternate until they are sorted, and a basis that is not orthonormal in the mass."""
     solid = body()
     material = solid.material.copy()
     material[::2] = material_number("stable_neo_hookean")
     solid = replace(solid, material=material)
     U = smooth_basis(solid) @ (np.eye(K) + 0.2 * np.random.default_rng(3).normal(size=(K, K)))
-    return reduced_space(solid, U, curved(), thinned(solid))
+    return reduced_space(solid, U, curved() if decoder is None else decoder, thinned(solid))
 
 
 def condensed(material: str = "neo_hookean") -> Space:
@@ -153,6 +160,8 @@ SPACES |= {
     "latent of two materials": mixed,
     "latent with a narrow layer": lambda: latent(decoder=narrow()),
     "latent with moving pins": with_moving_pins,
+    "latent with a narrow layer and two materials": lambda: mixed(narrow()),
+    "latent with a skip and one unit": lambda: latent(decoder=one_unit()),
     "latent with a narrow layer and moving pins": lambda: with_moving_pins(narrow()),
 }
 
