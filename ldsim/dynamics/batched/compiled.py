@@ -6,27 +6,88 @@ leave the caches, and it makes every Hessian anew. Here each instance goes on fr
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ldsim.arrays import Array
 from ldsim.dynamics.batched.newton import BatchedSolution
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
-from ldsim.dynamics.reduced.advance import advance
+from ldsim.dynamics.reduced.advance import StepReference, advance
 from ldsim.dynamics.reduced.options import ReducedOptions
-from ldsim.dynamics.reduced.potential import Reduced, Springs
 from ldsim.dynamics.reduced.state import numbers_of_a_state, state_rows
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.jit import in_threads, njit
 from ldsim.space.space import Space
 
 # Iterations, evaluations, reason, E and ‖∇E‖ of one step.
 RECORD = 5
+
+
+class Acting(NamedTuple):
+    """`BatchedLoads` in numbers, as the compiled steps read it.
+
+    B (n, g, 3, k), centre and target (n, g, 3), stiffness (n, g): the grabs. mu, lam (n,): factors of the moduli. force
+    (n, k): on q, N. lifted (n, c, 9): what pins add at every point, or (n, 0, 9) where none can move.
+    """
+
+    B: Array
+    centre: Array
+    target: Array
+    stiffness: Array
+    mu: Array
+    lam: Array
+    force: Array
+    lifted: Array
+
+    @classmethod
+    def of(cls, model: BatchedModel, loads: BatchedLoads) -> Acting:
+        given = loads.B, loads.centre, loads.target, loads.stiffness, loads.mu, loads.lam, model.dead(loads)
+        lifted = (
+            (loads.a @ model.lifted).permute(1, 2, 0)
+            if model.lifted.shape[1]
+            else loads.a.new_zeros(len(loads.a), 0, 9)
+        )
+        return cls(*(np.ascontiguousarray(each.numpy()) for each in (*given, lifted)))
+
+
+@njit(cache=True, nogil=True)
+def advance_many(
+    reference: StepReference,
+    moduli: tuple[Array, Array],
+    acting: Acting,
+    before: Array,
+    lacking: NDArray[np.bool_],
+    after: Array,
+    records: Array,
+) -> None:
+    """`advance` of many instances, one after another, without a word of Python between them.
+
+    Args:
+        reference: of a model and springs of its own (`ReducedStepper.unloaded`), which what acts is written into.
+        moduli: μ and λ of its points, (c,) each.
+        before, after: `ReducedState.data` of each, after is overwritten. lacking: which have no preconditioner.
+        records: (n, RECORD), overwritten.
+    """
+    model, springs = reference.content[0], reference.content[1]
+    for i in range(before.shape[0]):
+        springs.B[:], springs.centre[:], springs.target[:] = acting.B[i], acting.centre[i], acting.target[i]
+        springs.stiffness[:], model.force[:] = acting.stiffness[i], acting.force[i]
+        model.lifted[:] = acting.lifted[i]
+        for s in range(model.mu.shape[0]):
+            model.mu[s], model.lam[s] = acting.mu[i] * moduli[0][s], acting.lam[i] * moduli[1][s]
+        iterations, evaluations, reason, value, norm = advance(reference, before[i], lacking[i], False, after[i])
+        records[i, 0], records[i, 1], records[i, 2], records[i, 3], records[i, 4] = (
+            iterations,
+            evaluations,
+            reason,
+            value,
+            norm,
+        )
 
 
 class CompiledSteps:
@@ -45,63 +106,22 @@ class CompiledSteps:
         """The minimisers, (n, r), with z where an instance has no finite energy to start from; what the next step takes
         over (`BatchedState.kept`); and the record."""
         n, r = z.shape
-        acting = _Acting.of(self._model, loads)
-        before, fresh = state_rows(z.numpy(), z_previous.numpy(), predictor.numpy(), kept.numpy())
+        acting = Acting.of(self._model, loads)
+        before, lacking = state_rows(z.numpy(), z_previous.numpy(), predictor.numpy(), kept.numpy())
         after = np.empty((n, numbers_of_a_state(r, predictor.shape[1], acting.stiffness.shape[1])))
         records = np.empty((n, RECORD))
 
-        def some(instances: range) -> None:
+        def some(part: slice) -> None:
             """Those of one thread, which writes nothing of others but rows of its own."""
-            model, springs, reference = self._stepper.unloaded(acting.stiffness.shape[1])
-            mu, lam = model.mu.copy(), model.lam.copy()
-            for i in instances:
-                acting.load(i, model, springs)
-                np.multiply(mu, acting.mu[i], out=model.mu)
-                np.multiply(lam, acting.lam[i], out=model.lam)
-                records[i] = advance(reference, before[i], fresh[i], False, after[i])
+            model, _, reference = self._stepper.unloaded(acting.stiffness.shape[1])
+            own = Acting._make(each[part] for each in acting)
+            moduli = model.mu.copy(), model.lam.copy()
+            advance_many(reference, moduli, own, before[part], lacking[part], after[part], records[part])
 
-        _shared_out(some, n)
+        threads = max(min(torch.get_num_threads(), n), 1)
+        bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
+        list(in_threads(some, [slice(first, last) for first, last in pairwise(bounds)], threads))
         columns = torch.from_numpy(records).unbind(1)
         iterations, evaluations, reason = (column.long() for column in columns[:3])
         solution = BatchedSolution(columns[3].clone(), columns[4].clone(), iterations, evaluations, reason)
         return torch.from_numpy(after[:, :r].copy()), torch.from_numpy(after), solution
-
-
-def _shared_out(work: Callable[[range], None], n: int) -> None:
-    """n instances on as many threads as torch may use."""
-    threads = max(min(torch.get_num_threads(), n), 1)
-    bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
-    parts = [range(first, last) for first, last in pairwise(bounds)]
-    if threads == 1:
-        work(parts[0])
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, parts))
-
-
-class _Acting(NamedTuple):
-    """`BatchedLoads` in numbers, with the force on q, (n, k), and what pins add at every point, (n, c, 9)."""
-
-    B: Array
-    centre: Array
-    target: Array
-    stiffness: Array
-    mu: Array
-    lam: Array
-    force: Array
-    lifted: Array | None
-
-    @classmethod
-    def of(cls, model: BatchedModel, loads: BatchedLoads) -> _Acting:
-        B, centre, target, stiffness, mu, lam = (
-            each.numpy() for each in (loads.B, loads.centre, loads.target, loads.stiffness, loads.mu, loads.lam)
-        )
-        lifted = (loads.a @ model.lifted).permute(1, 2, 0).numpy() if model.lifted.shape[1] else None
-        return cls(B, centre, target, stiffness, mu, lam, model.dead(loads).numpy(), lifted)
-
-    def load(self, i: int, model: Reduced, springs: Springs) -> None:
-        """Write what acts on one instance, but for its moduli, where a step reads it."""
-        springs.B[:], springs.centre[:], springs.target[:] = self.B[i], self.centre[i], self.target[i]
-        springs.stiffness[:], model.force[:] = self.stiffness[i], self.force[i]
-        if self.lifted is not None:
-            model.lifted[:] = self.lifted[i]

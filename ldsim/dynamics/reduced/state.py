@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.jit import njit
@@ -41,7 +42,7 @@ def numbers_of_a_state(r: int, k: int, grabs: int = 0) -> int:
     return (3 + DIFFERENCES + r) * r + (2 + 3 * grabs) * k
 
 
-def state_rows(z: Array, z_previous: Array, predictor: Array, kept: Array) -> tuple[Array, list[bool]]:
+def state_rows(z: Array, z_previous: Array, predictor: Array, kept: Array) -> tuple[Array, NDArray[np.bool_]]:
     """The numbers of many states that hold nothing and whose 2qₙ − qₙ₋₁ is the predictor, one a row, and which lack H.
 
     Args:
@@ -56,7 +57,7 @@ def state_rows(z: Array, z_previous: Array, predictor: Array, kept: Array) -> tu
     rows[:, q : q + k] = rows[:, q + k : H] = predictor
     lacking = rows[:, H] == 0  # an inverse Hessian has a positive diagonal
     rows[lacking, 2 * r : q] = (2 * z - z_previous)[lacking]
-    return rows, lacking.tolist()
+    return rows, lacking
 
 
 class ReducedState:
