@@ -20,7 +20,7 @@ from ldsim.report.replay import packed
 from ldsim.report.runs import tests_first
 from ldsim.report.schema import ROLE_NAMES
 from ldsim.report.wording import counted
-from ldsim.run import REDUCED, Run
+from ldsim.run import AUTO, Run
 from ldsim.runtime import webassembly
 from ldsim.runtime.model_file import model_bytes
 from ldsim.web import bundle, inlined, playground, playground_style
@@ -40,15 +40,17 @@ def write_playground(run: Run, path: Path) -> None:
 
 
 def playground_page(run: Run) -> str:
-    """The page; both reduced spaces go into it, the latent one is shown first."""
-    mesh, space = run.scene.mesh, run.space("latent")
+    """The page, with the latent space and a linear one: the one that simulate chose is shown first."""
+    mesh, space = run.scene.mesh, run.space(AUTO)
+    offered = ["latent", "linear" if space.name == "latent" else space.name]
     cells = f"{mesh.n_cells:,} {CELLS[mesh.cell_type]}"
     subtitle = f"{cells}, moved by {counted(space.r, 'number')} and {counted(len(space.rule.points), 'cubature point')}"
     radius, stiffness = default_pull(run)
     pull = {"radius": radius, "stiffness": stiffness}
     about = first_look(run.scene) | {"title": run.experiment, "subtitle": subtitle, "pull": pull}
+    about |= {"spaces": offered, "space": space.name}
     # Bases in float32, for size.
-    packed = {name: compressed(model_bytes(run.space(name), single=True)) for name in REDUCED}
+    packed = {name: compressed(model_bytes(run.space(name), single=True)) for name in offered}
     return assembled(about | {"motions": _motions(run)}, packed)
 
 

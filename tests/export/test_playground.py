@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,21 @@ def show(tab: Tab, page: Path, width: int = 1000, height: int = 700) -> Tab:
     tab.open(page.resolve().as_uri())
     tab.wait("document.readyState === 'complete' && window.ldsim && ldsim.source.seconds > 0")
     return tab
+
+
+def test_the_space_that_simulate_chose_is_shown_first_under_its_name(
+    tab: Tab, run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Run.open(run_folder) as run:
+        size = f"linear_{run.model.kp - 1}"
+        monkeypatch.setattr(Run, "cubature", {**run.cubature, size: replace(run.cubature["linear"], virtual=None)})
+        monkeypatch.setattr(Run, "chosen", size)
+        write_playground(run, tmp_path / "page.html")
+    show(tab, tmp_path / "page.html")
+    assert tab.evaluate("ldsim.source.names") == [size]
+    buttons = "[...document.querySelectorAll('#spaces button')].map((each) => [each.textContent, each.ariaPressed])"
+    assert tab.evaluate(buttons) == [["Latent", "false"], [size.replace("linear_", "Linear "), "true"]]
+    assert tab.complaints == []
 
 
 @pytest.fixture

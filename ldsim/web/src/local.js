@@ -17,7 +17,7 @@ export class Local {
   /** about: what Python says of the solid; packed: the library and the models (ldsim/export/playground.py). */
   static async open(about, packed) {
     const runtime = await runtimeOf(await inflated(packed.runtime)), models = {};
-    for (const name of ["latent", "linear"]) models[name] = new Model(runtime, await inflated(packed[name]));
+    for (const name of about.spaces) models[name] = new Model(runtime, await inflated(packed[name]));
     return new Local(about, models);
   }
 
@@ -44,7 +44,7 @@ export class Local {
       pinned: Uint32Array.from(surface, (v) => 1 - movable[v]),
     };
     Object.assign(this, { owed: 0, number: 0, seconds: 0, share: 1, failures: 0, records: {} });
-    this.spaces(["latent"]);
+    this.spaces([about.space]);
   }
 
   solid = async () => this.block;

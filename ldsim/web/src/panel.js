@@ -2,7 +2,9 @@
 
 import { byId, digits, fixed, gradient, make } from "./dom.js";
 
-const NAMES = { latent: "Latent", linear: "Linear", full: "Full" };
+/** "linear_20" as "Linear 20", and the class of its colour, linear. */
+const titled = (space) => (space[0].toUpperCase() + space.slice(1)).replace("_", " ");
+const toned = (space) => space.split("_")[0];
 const [NARROW, LOW] = [640, 540]; // pixels of a window, or a notebook's cell, in which the controls would cover the solid: they begin folded
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
 const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", u: "undo", 0: "home", c: "capture", "?": "help", h: "help" };
@@ -115,12 +117,13 @@ export class Panel {
     const entries = Object.entries(motions).map(([name, words]) => make("option", { value: name }, `${name} · ${words}`));
     byId("motions").replaceChildren(...entries);
     byId("motions").value = chosen;
+    byId("motions").title = byId("motions").selectedOptions[0]?.textContent ?? ""; // the panel may be too narrow for it
   }
 
   showSpaces({ offered, spaces }) {
     byId("spaces").hidden = offered.length < 2;
     const buttons = offered.map((name) => {
-      const button = make("button", { class: `space ${name}`, "aria-pressed": spaces.includes(name) }, NAMES[name]);
+      const button = make("button", { class: `space ${toned(name)}`, "aria-pressed": spaces.includes(name) }, titled(name));
       button.onclick = () => {
         const next = offered.filter((other) => (other === name) !== this.status.spaces.includes(other));
         if (!next.length) return;
@@ -138,7 +141,7 @@ export class Panel {
     const cost = bytes ? `${bytes} B a frame` : `${Math.round(100 * share)} % of real time`;
     byId("clock").textContent = `${fixed(seconds, 2)} s simulated`;
     const counts = frame.spaces.map(({ iterations, evaluations }, i) => {
-      return `${NAMES[spaces[i]]}: ${fixed(iterations, 1)} iterations, ${fixed(evaluations, 1)} evaluations a step`;
+      return `${titled(spaces[i])}: ${fixed(iterations, 1)} iterations, ${fixed(evaluations, 1)} evaluations a step`;
     });
     byId("details").textContent = [...counts, `${fixed(pictures, 0)} pictures/s`, cost].join(" · ");
     const rows = frame.spaces.map(({ milliseconds, outcome, troubled, novelty, distance, error }, i) => {
@@ -151,10 +154,10 @@ export class Panel {
     });
     byId("statistics").replaceChildren(...rows.map(({ name, time, state, alarming }) => {
       const cells = [time, state].map((text) => make("td", {}, text));
-      return make("tr", { class: `${name} ${alarming}` }, make("th", {}, NAMES[name]), ...cells);
+      return make("tr", { class: `${toned(name)} ${alarming}` }, make("th", {}, titled(name)), ...cells);
     }));
     return rows.map(({ name, time, off, whole }) => {
-      return [make("b", {}, NAMES[name]), ` ${time}`, ...(off ? [make("br"), `${off} off, ${whole} so far`] : [])];
+      return [make("b", {}, titled(name)), ` ${time}`, ...(off ? [make("br"), `${off} off, ${whole} so far`] : [])];
     });
   }
 
