@@ -1194,9 +1194,11 @@ static double add_elastic(ldsim_solid *S, const double *f)
 /* momentum (m,) = I x. */
 static void multiply_inertia(const ldsim_model *M, const double *x, double *momentum)
 {
-    /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
-    for (int j = 0; j < M->m; j++)
-        momentum[j] = M->n.full_inertia ? dot(M->inertia + (size_t)j * M->m, x, M->m) : M->inertia[j] * x[j];
+    if (M->n.full_inertia) { /* which is symmetric, and sums down its columns need not be added up in the end */
+        zero(momentum, M->m);
+        add_transposed(M->inertia, x, momentum, M->m, M->m);
+    } else /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
+        for (int j = 0; j < M->m; j++) momentum[j] = M->inertia[j] * x[j];
 }
 
 /* E(z) in J and its gradient in N; f(z) is left in f. An infinite value is only backed away from: it has no gradient. */
