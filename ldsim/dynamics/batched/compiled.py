@@ -6,6 +6,9 @@ leave the caches, and it makes every Hessian anew. Here each instance goes on fr
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,7 +24,7 @@ from ldsim.dynamics.reduced.advance import StepReference, advance
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import numbers_of_a_state, state_rows
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.jit import in_threads, njit
+from ldsim.jit import njit
 from ldsim.space.space import Space
 
 # Iterations, evaluations, reason, E and ‖∇E‖ of one step.
@@ -90,6 +93,19 @@ def advance_many(
         )
 
 
+class _Kept(threading.local):
+    """What each thread steps by, by the number of grabs: a step of few instances is shorter than making it."""
+
+    def __init__(self) -> None:
+        self.known: dict[int, tuple[StepReference, tuple[Array, Array]]] = {}
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Kept, for threads that have just begun share a processor at first."""
+    return ThreadPoolExecutor(threads)
+
+
 class CompiledSteps:
     """The minimisers of one step of many instances, by as many threads as torch may use.
 
@@ -99,29 +115,39 @@ class CompiledSteps:
 
     def __init__(self, space: Space, model: BatchedModel, options: ReducedOptions) -> None:
         self._stepper, self._model = ReducedStepper(space, options), model
+        self._kept = _Kept()
 
     def __call__(
         self, z: Tensor, z_previous: Tensor, kept: Tensor, predictor: Tensor, loads: BatchedLoads
-    ) -> tuple[Tensor, Tensor, BatchedSolution]:
-        """The minimisers, (n, r), with z where an instance has no finite energy to start from; what the next step takes
-        over (`BatchedState.kept`); and the record."""
-        n, r = z.shape
+    ) -> tuple[Tensor, Tensor, Tensor, BatchedSolution]:
+        """The minimisers, (n, r), with z where an instance has no finite energy to start from; φ of them, (n, k); what
+        the next step takes over (`BatchedState.kept`); and the record."""
+        (n, r), k = z.shape, predictor.shape[1]
         acting = Acting.of(self._model, loads)
         before, lacking = state_rows(z.numpy(), z_previous.numpy(), predictor.numpy(), kept.numpy())
-        after = np.empty((n, numbers_of_a_state(r, predictor.shape[1], acting.stiffness.shape[1])))
+        after = np.empty((n, numbers_of_a_state(r, k, acting.stiffness.shape[1])))
         records = np.empty((n, RECORD))
 
         def some(part: slice) -> None:
             """Those of one thread, which writes nothing of others but rows of its own."""
-            model, _, reference = self._stepper.unloaded(acting.stiffness.shape[1])
+            reference, moduli = self._of_thread(acting.stiffness.shape[1])
             own = Acting._make(each[part] for each in acting)
-            moduli = model.mu.copy(), model.lam.copy()
             advance_many(reference, moduli, own, before[part], lacking[part], after[part], records[part])
 
         threads = max(min(torch.get_num_threads(), n), 1)
         bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
-        list(in_threads(some, [slice(first, last) for first, last in pairwise(bounds)], threads))
+        parts = [slice(first, last) for first, last in pairwise(bounds)]
+        list(map(some, parts) if threads == 1 else _pool(threads).map(some, parts))
         columns = torch.from_numpy(records).unbind(1)
         iterations, evaluations, reason = (column.long() for column in columns[:3])
         solution = BatchedSolution(columns[3].clone(), columns[4].clone(), iterations, evaluations, reason)
-        return torch.from_numpy(after[:, :r].copy()), torch.from_numpy(after), solution
+        found, q = (torch.from_numpy(after[:, own].copy()) for own in (slice(r), slice(3 * r, 3 * r + k)))
+        return found, q, torch.from_numpy(after), solution
+
+    def _of_thread(self, grabs: int) -> tuple[StepReference, tuple[Array, Array]]:
+        """What this thread steps by, and the moduli of the points."""
+        known = self._kept.known
+        if grabs not in known:
+            model, _, reference = self._stepper.unloaded(grabs)
+            known[grabs] = reference, (model.mu.copy(), model.lam.copy())
+        return known[grabs]

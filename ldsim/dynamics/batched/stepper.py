@@ -183,8 +183,9 @@ class BatchedStepper:
         predictor = 2 * state.q - state.q_previous
         before = _Before(state.z.detach(), state.z_previous.detach(), state.kept)
         z = _Step.apply(self, results, before, predictor, *loads)  # type: ignore[no-untyped-call]
-        _, kept, record = results[0]
-        q = self.model.decoder(z)
+        _, q, kept, record = results[0]
+        if q is None or z.requires_grad:
+            q = self.model.decoder(z)
         stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
         return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept), record
@@ -210,7 +211,7 @@ class BatchedStepper:
         ]
         names = [entry.name for entry in fields(BatchedSolution)]
         record = BatchedSolution(*(torch.cat([getattr(part, name) for _, part in done]) for name in names))
-        return _Solved(torch.cat([part for part, _ in done]), kept, record)
+        return _Solved(torch.cat([part for part, _ in done]), None, kept, record)
 
     def adjoint(self, z: Tensor, predictor: Tensor, loads: BatchedLoads, gradient: Tensor) -> Tensor:
         """J H⁻¹ ∂L/∂z, (n, k): how far each instance's q gives way to the loss's pull on z; ∂L/∂z is (n, r)."""
@@ -231,9 +232,10 @@ class _Before(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """The minimisers of a step, (n, r), what the next one takes over, and the record."""
+    """The minimisers of a step, (n, r), φ of them where it was made, what the next one takes over, and the record."""
 
     z: Tensor
+    q: Tensor | None
     kept: Tensor
     record: BatchedSolution
 
@@ -251,7 +253,7 @@ class _Step(torch.autograd.Function):
         *loads: Tensor,
     ) -> Tensor:
         results.append(stepper.solve(before, predictor, BatchedLoads(*loads)))
-        solved, _, record = results[0]
+        solved, _, _, record = results[0]
         ctx.stepper = stepper
         ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *loads)
         return solved
