@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reproduction.bench import cubature, full_space, space, step_frontier
+from reproduction.bench import cubature, frontier, full_space, space, step_frontier
 from reproduction.harness import RESULTS, Row
 
 STEPPED = re.compile(r"median step, (\w+) (\d+), k (\d+), (\d+) points, stop (\S+) N, (\w+)")
@@ -23,6 +23,8 @@ def drawings() -> Iterator[tuple[str, str, Path]]:
         name = file.stem.partition("_")[2]
         if file.stem == "full_space_scaling":
             yield "full_space_scaling.svg", _scaling(rows), file
+        elif file.stem.startswith("frontier_"):
+            yield f"{file.stem}.svg", frontier.picture(rows, name), file
         elif file.stem.startswith("space_"):
             yield f"space_{name}.svg", space.picture(rows, name), file
         elif file.stem == "cubature":

@@ -153,22 +153,6 @@ def rows_of(report: Report) -> list[Row]:
     return [row(model, name, value, unit, goals.get(name)) for name, value, unit in values]
 
 
-def frontier_rows(report: Report) -> list[Row]:
-    """Every reduced space on every motion: its error and the median of its steps."""
-    found = []
-    for run in report["frontier"]:
-        name = f"{run['space']} ({run['dimension']}, {run['points']} points), {run['motion']} ({run['role']})"
-        found.append(row(report["experiment"], f"online error, {name}", run["online_error"]))
-        found.append(row(report["experiment"], f"windowed error, {name}", run["windowed_error"]))
-        found.append(row(report["experiment"], f"median step, {name}", run["median_step_ms"], "ms"))
-    speedup = report["speedup"]
-    ratio = speedup["latent_over_linear_equal_error"]
-    found.append(row(report["experiment"], "linear step over latent step, equal error", ratio))
-    found.append(row(report["experiment"], "latent error it was compared at", speedup["latent_error"]))
-    found.append(row(report["experiment"], f"error of {speedup['linear_space']}", speedup["linear_error"]))
-    return found
-
-
 def main() -> None:
     arguments = parser(NAME, __doc__)
     arguments.add_argument("runs", nargs="+", type=Path, help="folders of finished runs")
@@ -182,10 +166,6 @@ def main() -> None:
     inputs = [*ROOMS, *(f"configs/{report['experiment']}.yaml" for report in reports)]
     machine, created = reports[0]["machine"], reports[-1]["created"]
     write_results("pipeline", called(NAME), rows, machine, created, inputs)
-    for report in reports:
-        own = [*ROOMS, f"configs/{report['experiment']}.yaml"]
-        name = f"frontier_{report['experiment']}"
-        write_results(name, called(NAME), frontier_rows(report), report["machine"], report["created"], own)
 
 
 if __name__ == "__main__":

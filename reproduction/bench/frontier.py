@@ -1,0 +1,144 @@
+"""Error against the time of a step of every reduced space of a solid, three seeds, the same treatment for all.
+
+    python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
+
+Each configuration trains one kind of latent space on the same scene, motions and basis. Weights, poses, candidates and
+virtual points hang on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything
+is made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew
+where that was not so. Results go to reproduction/results/frontier_<experiment>.json.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ldsim.pipeline.frontier import Standing, equal_error
+from ldsim.report.frontier import dimension, on_role, points
+from ldsim.report.schema import ROLES
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
+from ldsim.run import Run
+from ldsim.settings import Settings, load_settings
+from reproduction.harness import Row, called, finished, linked, parser, row, show, write_results
+
+NAME = "frontier"
+SEEDS = (1, 2, 3)
+ONCE = ("mesh", "snapshot", "pca")
+SHARED = ("scene", "snapshots", "tests", "basis")
+ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "pipeline")]
+COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
+STEP, ERROR = "median step", "online error"
+
+
+def seeded(settings: Settings, seed: int, swept: bool) -> Settings:
+    """A configuration with another seed, and without linear sizes where another configuration has them."""
+    cubature = settings.cubature.replace(seed=seed)
+    if not swept:
+        cubature = cubature.replace(linear_sizes=())
+    return settings.model_copy(update={"train": settings.train.replace(seed=seed), "cubature": cubature})
+
+
+def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tuple[str, int, Path]]:
+    """Kind, seed and folder of every run, all made before the first is stepped."""
+    wanted, first = [], load_settings(configurations[0])
+    shared = finished(runs / first.experiment, first, ONCE, configurations[0].parent)
+    for path in configurations:
+        settings = load_settings(path)
+        for seed in SEEDS:
+            folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
+            own = seeded(settings, seed, swept=path == configurations[0])
+            finished(folder, own, ("train", "cubature"), path.parent)
+            wanted.append((settings.train.kind, seed, folder, own, path.parent))
+    for kind, seed, folder, own, base in wanted:
+        if again:
+            (folder / "simulation.h5").unlink(missing_ok=True)
+        yield kind, seed, finished(folder, own, ("simulate",), base)
+
+
+def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, str], list[Standing]]) -> list[Row]:
+    """What a run measured, and its latent space beside the linear ones of the same seed.
+
+    Args:
+        rivals: the linear spaces of each seed and role; those of this run are added.
+    """
+    rows = []
+    for role in ROLES:
+        for found in (spaces := on_role(run, role)):
+            latent = found.space == "latent"
+            sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
+            label = f"{role}, {kind if latent else 'linear'} {sizes}, seed {seed}"
+            if latent or (seed, role) not in rivals:
+                rows.append(row(model, f"{ERROR}, {label}", found.error))
+                rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
+        rivals.setdefault((seed, role), [each for each in spaces if each.space != "latent"])
+        latents = [each for each in spaces if each.space == "latent"]
+        own, equal, best = equal_error([*latents, *rivals[seed, role]])
+        if own is not None and best is not None:
+            ratio = math.nan if equal is None else equal.seconds / own.seconds
+            label = f"{role}, {kind}, seed {seed}"
+            rows.append(row(model, f"linear step over latent step at equal error, {label}", ratio))
+            rows.append(row(model, f"least linear error over latent error, {label}", best.error / own.error))
+    return rows
+
+
+def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
+    """Of every ratio the least, the middle one and the largest, where no seed lacks it."""
+    found: list[Row] = []
+    names = dict.fromkeys(r["quantity"].rsplit(", seed", 1)[0] for r in rows if " over " in r["quantity"])
+    for name in names:
+        values = [r["value"] for r in rows if r["quantity"].startswith(f"{name}, seed")]
+        if any(value is None for value in values):
+            found.append(row(model, f"{name}, seeds that have no linear space as good", values.count(None)))
+            continue
+        for what, value in zip(("least", "middle", "largest"), np.quantile(values, (0, 0.5, 1)), strict=True):
+            found.append(row(model, f"{name}, {what}", float(value)))
+    return found
+
+
+def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
+    """Online error on the motions of a role against the median step: every space, every seed."""
+    figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
+    value = {r["quantity"]: r["value"] for r in rows}
+    told = set()
+    for name in value:
+        if not name.startswith(f"{STEP}, {role}, "):
+            continue
+        label = name.removeprefix(f"{STEP}, ")
+        kind, size = label.split(", ")[1].split()
+        error = value[f"{ERROR}, {label}"]
+        if error is None:
+            continue
+        colour = PALETTE[COLOURS[kind]]
+        ax.plot(value[name], 100 * error, "o", color=colour, markersize=4, label="" if kind in told else kind)
+        if label.endswith("seed 1"):
+            ax.annotate(size, (value[name], 100 * error), (4, 3), textcoords="offset points", fontsize=7, color=colour)
+        told.add(kind)
+    for axis in "xy":
+        log_scale(ax, axis)
+    legend(ax)
+    return to_svg(
+        figure, f"Online error on the {role} motions of {model} against the median time of a step, three seeds"
+    )
+
+
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("configurations", nargs="+", type=Path, help="one a kind of latent space")
+    arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
+    arguments.add_argument("--again", action="store_true", help="step the motions anew")
+    given = arguments.parse_args()
+    rows, model = list[Row](), load_settings(given.configurations[0]).experiment
+    rivals: dict[tuple[int, str], list[Standing]] = {}
+    for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again):
+        with Run.open(folder) as run:
+            rows += rows_of(model, kind, seed, run, rivals)
+    rows += over_seeds(model, rows)
+    show(rows, model)
+    write_results(f"{NAME}_{model}", called(NAME), rows, inputs=ROOMS)
+
+
+if __name__ == "__main__":
+    main()
