@@ -3,9 +3,10 @@
     python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
 
 Each configuration trains one kind of latent space on the same scene, motions and basis. Weights, poses, candidates and
-virtual points hang on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything
-is made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew
-where that was not so. Results go to reproduction/results/frontier_<experiment>.json.
+virtual points hang on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
+same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything is
+made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
+that was not so. Results go to reproduction/results/frontier_<experiment>.json.
 """
 
 from __future__ import annotations
