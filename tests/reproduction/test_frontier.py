@@ -1,0 +1,53 @@
+"""Rows and pictures of the frontiers: of every seed what was measured, and no ratio that a seed lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ldsim.pipeline.frontier import Standing
+from ldsim.report.frontier import on_role
+from ldsim.run import Run
+from reproduction.bench.frontier import ERROR, STEP, over_seeds, picture, rows_of
+from reproduction.harness import row
+from tests.report.small_run import write_run
+
+RATIO = "linear step over latent step at equal error, test, condensed"
+
+
+def test_a_ratio_has_its_range_over_the_seeds_and_none_where_a_seed_has_no_equal() -> None:
+    rows = [row("solid", f"{RATIO}, seed {seed}", value) for seed, value in ((1, 3.0), (2, 1.0), (3, 2.0))]
+    found = {each["quantity"].rsplit(", ", 1)[1]: each["value"] for each in over_seeds("solid", rows)}
+    assert found == {"least": 1.0, "middle": 2.0, "largest": 3.0}
+    [only] = over_seeds("solid", [*rows[:2], row("solid", f"{RATIO}, seed 3", float("nan"))])
+    assert "no linear space as good" in only["quantity"] and only["value"] == 1
+
+
+def test_every_space_of_a_run_is_measured_and_the_latent_one_beside_the_rivals_of_its_seed(tmp_path: Path) -> None:
+    write_run(tmp_path)
+    with Run.open(tmp_path) as run:
+        role = next(role for role in ("test", "validation", "train") if on_role(run, role))
+        spaces = on_role(run, role)
+        latent = next(each for each in spaces if each.space == "latent")
+        rows = rows_of("solid", "autoencoder", 1, run, {})
+        # a linear space of the same seed that another run has measured: as good, and three times as slow
+        rivals = {(1, role): [Standing("linear_9", 0.9 * latent.error, 3 * latent.seconds)]}
+        beside = rows_of("solid", "condensed", 1, run, rivals)
+    assert sum(each["quantity"].startswith(f"{ERROR}, {role}") for each in rows) == len(spaces)
+    assert sum(each["quantity"].startswith(f"{STEP}, {role}") for each in beside) == 1
+    ratio = next(each for each in beside if each["quantity"] == RATIO.replace("test", role) + ", seed 1")
+    assert ratio["value"] == pytest.approx(3)
+
+
+def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
+    measured = {"linear 20, 24 points": (0.03, 0.1), "condensed 10, 24 points": (0.02, 0.02)}
+    rows = []
+    for label, (ms, error) in measured.items():
+        for seed in (1, 2):
+            lost = label.startswith("linear") and seed == 2
+            rows.append(row("solid", f"{STEP}, test, {label}, seed {seed}", ms * seed, "ms"))
+            rows.append(row("solid", f"{ERROR}, test, {label}, seed {seed}", float("inf") if lost else error))
+    drawn = picture(rows, "solid")
+    assert drawn.count("<use") - picture([], "solid").count("<use") >= 3
+    assert all(word in drawn for word in ("condensed", "linear", ">20<", ">10<"))
