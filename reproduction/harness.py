@@ -167,8 +167,12 @@ def parser(name: str, description: str | None, room: str = "bench") -> argparse.
 
 
 def called(name: str, room: str = "bench") -> str:
-    """The command that a benchmark was called by; a path becomes one in runs/, for it says nothing elsewhere."""
-    words = [f"runs/{Path(word).name}" if "/" in word else word for word in sys.argv[1:]]
+    """The command that a benchmark was called by; a path to no file of the project becomes one in runs/, for it says
+    nothing elsewhere."""
+    paths = {word: Path(word).resolve() for word in sys.argv[1:] if "/" in word}
+    ours = {word for word, path in paths.items() if path.is_file() and path.is_relative_to(ROOT)}
+    said = {word: str(path.relative_to(ROOT)) if word in ours else f"runs/{path.name}" for word, path in paths.items()}
+    words = [said.get(word, word) for word in sys.argv[1:]]
     return " ".join(["python -m", f"reproduction.{room}.{name}", *words])
 
 

@@ -3,7 +3,7 @@
     python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
 
 Each configuration trains one kind of latent space on the same scene, motions and basis. Weights, poses, candidates and
-virtual points hang on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
+virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
 same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything is
 made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
 that was not so. Results go to reproduction/results/frontier_<experiment>.json.
@@ -12,18 +12,21 @@ that was not so. Results go to reproduction/results/frontier_<experiment>.json.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from ldsim.errors import SettingsError
 from ldsim.pipeline.frontier import Standing, equal_error
 from ldsim.report.frontier import dimension, on_role, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
-from reproduction.harness import Row, called, finished, linked, parser, row, show, write_results
+from reproduction.harness import ROOT, Row, called, finished, linked, parser, row, show, write_results
 
 NAME = "frontier"
 SEEDS = (1, 2, 3)
@@ -48,6 +51,8 @@ def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tu
     shared = finished(runs / first.experiment, first, ONCE, configurations[0].parent)
     for path in configurations:
         settings = load_settings(path)
+        if other := [name for name in ONCE if settings.section(name) != first.section(name)]:
+            raise SettingsError(f"{path} has another section {other[0]} than {configurations[0]}; they share one run")
         for seed in SEEDS:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
             own = seeded(settings, seed, swept=path == configurations[0])
@@ -77,7 +82,7 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
         rivals.setdefault((seed, role), [each for each in spaces if each.space != "latent"])
         latents = [each for each in spaces if each.space == "latent"]
         own, equal, best = equal_error([*latents, *rivals[seed, role]])
-        if own is not None and best is not None:
+        if own is not None and best is not None and math.isfinite(own.error):
             ratio = math.nan if equal is None else equal.seconds / own.seconds
             label = f"{role}, {kind}, seed {seed}"
             rows.append(row(model, f"linear step over latent step at equal error, {label}", ratio))
@@ -86,37 +91,56 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
 
 
 def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
-    """Of every ratio the least, the middle one and the largest, where no seed lacks it."""
+    """Of every ratio the least, the middle one and the largest, where no seed lacks it.
+
+    A seed has no ratio of steps where no linear space is as good, none of errors where all linear spaces were lost, and
+    no rows of either where the latent space was.
+    """
     found: list[Row] = []
     names = dict.fromkeys(r["quantity"].rsplit(", seed", 1)[0] for r in rows if " over " in r["quantity"])
     for name in names:
         values = [r["value"] for r in rows if r["quantity"].startswith(f"{name}, seed")]
-        if any(value is None for value in values):
-            found.append(row(model, f"{name}, seeds that have no linear space as good", values.count(None)))
+        if len(values) < len(SEEDS) or None in values:
+            found.append(row(model, f"{name}, seeds in which the latent space was lost", len(SEEDS) - len(values)))
+            found.append(row(model, f"{name}, seeds that have none", values.count(None)))
             continue
         for what, value in zip(("least", "middle", "largest"), np.quantile(values, (0, 0.5, 1)), strict=True):
             found.append(row(model, f"{name}, {what}", float(value)))
     return found
 
 
+class Mark(NamedTuple):
+    """A space of one seed: kind, dimension, seed, median step in ms and online error."""
+
+    kind: str
+    dimension: int
+    seed: int
+    ms: float
+    error: float
+
+
+def marks(rows: Sequence[Row], role: str) -> Iterator[Mark]:
+    """Every space that was not lost on the motions of a role."""
+    value = {r["quantity"]: r["value"] for r in rows}
+    for name, ms in value.items():
+        if told := re.fullmatch(rf"{STEP}, ({role}, (\w+) (\d+), .*, seed (\d+))", name):
+            error = value[f"{ERROR}, {told[1]}"]
+            if error is not None:
+                yield Mark(told[2], int(told[3]), int(told[4]), ms, error)
+
+
 def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     """Online error on the motions of a role against the median step: every space, every seed."""
     figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
-    value = {r["quantity"]: r["value"] for r in rows}
-    told = set()
-    for name in value:
-        if not name.startswith(f"{STEP}, {role}, "):
-            continue
-        label = name.removeprefix(f"{STEP}, ")
-        kind, size = label.split(", ")[1].split()
-        error = value[f"{ERROR}, {label}"]
-        if error is None:
-            continue
-        colour = PALETTE[COLOURS[kind]]
-        ax.plot(value[name], 100 * error, "o", color=colour, markersize=4, label="" if kind in told else kind)
-        if label.endswith("seed 1"):
-            ax.annotate(size, (value[name], 100 * error), (4, 3), textcoords="offset points", fontsize=7, color=colour)
-        told.add(kind)
+    named = set()
+    for mark in marks(rows, role):
+        colour = PALETTE[COLOURS[mark.kind]]
+        label = "" if mark.kind in named else mark.kind
+        ax.plot(mark.ms, 100 * mark.error, "o", color=colour, markersize=4, label=label)
+        if (mark.kind, mark.dimension) not in named:
+            at = mark.ms, 100 * mark.error
+            ax.annotate(str(mark.dimension), at, (4, 3), textcoords="offset points", fontsize=7, color=colour)
+        named |= {mark.kind, (mark.kind, mark.dimension)}
     for axis in "xy":
         log_scale(ax, axis)
     legend(ax)
@@ -127,7 +151,7 @@ def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
 
 def main() -> None:
     arguments = parser(NAME, __doc__)
-    arguments.add_argument("configurations", nargs="+", type=Path, help="one a kind of latent space")
+    arguments.add_argument("configurations", nargs="+", type=Path, help="one for each kind of latent space")
     arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
     arguments.add_argument("--again", action="store_true", help="step the motions anew")
     given = arguments.parse_args()
@@ -138,7 +162,8 @@ def main() -> None:
             rows += rows_of(model, kind, seed, run, rivals)
     rows += over_seeds(model, rows)
     show(rows, model)
-    write_results(f"{NAME}_{model}", called(NAME), rows, inputs=ROOMS)
+    own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]
+    write_results(f"{NAME}_{model}", called(NAME), rows, inputs=[*ROOMS, *own])
 
 
 if __name__ == "__main__":

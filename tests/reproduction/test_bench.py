@@ -59,6 +59,8 @@ def test_results_say_where_they_come_from(tmp_path: Path, monkeypatch: pytest.Mo
     content = json.loads((tmp_path / "some.json").read_text("utf-8"))
     assert {"machine", "versions", "command", "commit", "created", "inputs", "rows"} == set(content)
     assert content["command"] == "python -m reproduction.bench.soak runs/x --quick"
+    monkeypatch.setattr(sys, "argv", ["frontier.py", str(harness.CONFIGS / "demo.yaml")])
+    assert called("frontier") == "python -m reproduction.bench.frontier configs/demo.yaml"
     assert content["rows"][0] == {"model": "x", "quantity": "a number", "value": 1.5, "unit": "s", "goal": "<= 2"}
     assert content["rows"][1]["value"] is None
 

@@ -9,19 +9,35 @@ import pytest
 from ldsim.pipeline.frontier import Standing
 from ldsim.report.frontier import on_role
 from ldsim.run import Run
-from reproduction.bench.frontier import ERROR, STEP, over_seeds, picture, rows_of
-from reproduction.harness import row
+from reproduction.bench import frontier
+from reproduction.bench.frontier import ERROR, STEP, marks, over_seeds, picture, rows_of
+from reproduction.harness import Row, row
 from tests.report.small_run import write_run
 
 RATIO = "linear step over latent step at equal error, test, condensed"
 
 
-def test_a_ratio_has_its_range_over_the_seeds_and_none_where_a_seed_has_no_equal() -> None:
+def test_a_ratio_has_its_range_over_the_seeds_and_none_where_a_seed_lacks_it() -> None:
     rows = [row("solid", f"{RATIO}, seed {seed}", value) for seed, value in ((1, 3.0), (2, 1.0), (3, 2.0))]
-    found = {each["quantity"].rsplit(", ", 1)[1]: each["value"] for each in over_seeds("solid", rows)}
-    assert found == {"least": 1.0, "middle": 2.0, "largest": 3.0}
-    [only] = over_seeds("solid", [*rows[:2], row("solid", f"{RATIO}, seed 3", float("nan"))])
-    assert "no linear space as good" in only["quantity"] and only["value"] == 1
+    assert told(over_seeds("solid", rows)) == {"least": 1.0, "middle": 2.0, "largest": 3.0}
+    without = over_seeds("solid", [*rows[:2], row("solid", f"{RATIO}, seed 3", float("nan"))])
+    assert told(without) == {"seeds in which the latent space was lost": 0, "seeds that have none": 1}
+    lost = over_seeds("solid", rows[:2])
+    assert told(lost) == {"seeds in which the latent space was lost": 1, "seeds that have none": 0}
+
+
+def told(rows: list[Row]) -> dict[str, float]:
+    return {each["quantity"].removeprefix(f"{RATIO}, "): each["value"] for each in rows}
+
+
+def test_a_latent_space_that_was_lost_has_no_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_run(tmp_path)
+    spaces = [Standing("latent", float("inf"), 1e-5), Standing("linear", 0.1, 1e-5)]
+    monkeypatch.setattr(frontier, "on_role", lambda run, role: spaces if role == "train" else [])
+    with Run.open(tmp_path) as run:
+        rows = rows_of("solid", "autoencoder", 1, run, {})
+    assert [each["value"] for each in rows if each["quantity"].startswith(ERROR)] == [None, 0.1]
+    assert not [each for each in rows if " over " in each["quantity"]]
 
 
 def test_every_space_of_a_run_is_measured_and_the_latent_one_beside_the_rivals_of_its_seed(tmp_path: Path) -> None:
@@ -45,9 +61,10 @@ def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
     rows = []
     for label, (ms, error) in measured.items():
         for seed in (1, 2):
-            lost = label.startswith("linear") and seed == 2
+            lost = label.startswith("linear") and seed == 1
             rows.append(row("solid", f"{STEP}, test, {label}, seed {seed}", ms * seed, "ms"))
             rows.append(row("solid", f"{ERROR}, test, {label}, seed {seed}", float("inf") if lost else error))
+    expected = [("linear", 20, 2, 0.06, 0.1), ("condensed", 10, 1, 0.02, 0.02), ("condensed", 10, 2, 0.04, 0.02)]
+    assert list(marks(rows, "test")) == expected and not list(marks(rows, "validation"))
     drawn = picture(rows, "solid")
-    assert drawn.count("<use") - picture([], "solid").count("<use") >= 3
-    assert all(word in drawn for word in ("condensed", "linear", ">20<", ">10<"))
+    assert all(word in drawn for word in (">condensed<", ">linear<", ">20<", ">10<"))

@@ -6,6 +6,7 @@ leave the caches, and it makes every Hessian anew. Here each instance goes on fr
 
 from __future__ import annotations
 
+import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -94,7 +95,7 @@ def advance_many(
 
 
 class _Kept(threading.local):
-    """What each thread steps by, by the number of grabs: a step of few instances is shorter than making it."""
+    """What each thread steps by, by the number of grabs: a step of few instances takes less time than making it."""
 
     def __init__(self) -> None:
         self.known: dict[int, tuple[StepReference, tuple[Array, Array]]] = {}
@@ -102,8 +103,12 @@ class _Kept(threading.local):
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    """Kept, for threads that have just begun share a processor at first."""
+    """Kept, for new threads run on one core for some milliseconds."""
     return ThreadPoolExecutor(threads)
+
+
+if hasattr(os, "register_at_fork"):  # a process that forks from this one has the pool, but not its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 class CompiledSteps:
@@ -134,10 +139,10 @@ class CompiledSteps:
             own = Acting._make(each[part] for each in acting)
             advance_many(reference, moduli, own, before[part], lacking[part], after[part], records[part])
 
-        threads = max(min(torch.get_num_threads(), n), 1)
-        bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
+        threads = torch.get_num_threads()
+        bounds = np.linspace(0, n, max(min(threads, n), 1) + 1).astype(int).tolist()
         parts = [slice(first, last) for first, last in pairwise(bounds)]
-        list(map(some, parts) if threads == 1 else _pool(threads).map(some, parts))
+        list(map(some, parts) if len(parts) == 1 else _pool(threads).map(some, parts))
         columns = torch.from_numpy(records).unbind(1)
         iterations, evaluations, reason = (column.long() for column in columns[:3])
         solution = BatchedSolution(columns[3].clone(), columns[4].clone(), iterations, evaluations, reason)

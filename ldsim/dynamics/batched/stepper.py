@@ -177,7 +177,13 @@ class BatchedStepper:
 
         An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
         lets no gradient through; the others do not notice.
+
+        Raises:
+            SolverError: the loads are of another number of instances than the state.
         """
+        n = len(state.z)
+        if counts := {len(each) for each in loads} - {n}:
+            raise SolverError(f"loads of {counts.pop()} instances, a state of {n}; each instance has a row of its own")
         results: list[_Solved] = []
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
