@@ -30,6 +30,7 @@ from ldsim.space.space import Space
 from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "batched"
+ROOMS = ("ldsim/dynamics/batched", "ldsim/dynamics/reduced")
 SIZES = (1, 4, 16, 64, 256, 1024, 4096, 16384)
 QUICK = (1, 16, 128)
 WARM_UP, TIMED = 3, 10
@@ -134,7 +135,7 @@ def ways() -> Iterator[tuple[str, torch.dtype, int]]:
 def write(model: str, rows: list[Row], quick: bool) -> None:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     name = f"batched_{model}{'_quick' if quick else ''}"
-    write_results(name, called(NAME), rows, machine=describe_machine() | {"gpu": gpu})
+    write_results(name, called(NAME), rows, machine=describe_machine() | {"gpu": gpu}, inputs=ROOMS)
 
 
 def main() -> None:
