@@ -1844,6 +1844,11 @@ int ldsim_grab_vertices(ldsim_solid *S, const uint32_t *vertices, uint32_t count
     S->grabs[place].stiffness = stiffness > 0.0 ? stiffness : M->given.stiffness;
     copy(S->grabs[place].target, target, 3);
     S->renewed_springs = 0;
+    if (M->anchors) { /* the compliance has put out of the caches what a step reads: the next one need not wait for it */
+        make_springs(S, S->now.f);
+        aim_springs(S, S->now.f);
+        value_gradient(S, S->now.z, S->first.f, S->gradient_new);
+    }
     *id = S->grabs[place].id;
     return LDSIM_OK;
 }
