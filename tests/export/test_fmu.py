@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 from ldsim.arrays import Array
-from ldsim.export.fmu import write_fmu
+from ldsim.export import fmu
 from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
 from ldsim.runtime.model_file import model_bytes
 from ldsim.space.space import Space
 from tests.runtime.conftest import cc as cc
+from tests.runtime.conftest import library as library
 from tests.runtime.problems import SPACES
+from tests.runtime.test_steps import TIGHT
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("fmpy") is None, reason="fmpy is not installed: pip install 'ldsim[fmi]'"
@@ -30,7 +32,7 @@ FRAMES, TAKEN, LEFT = 60, 10, 40
 @pytest.fixture(scope="module", params=["latent neo_hookean", "condensed neo_hookean"])
 def made(request: pytest.FixtureRequest, cc: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Space, Path]:
     space, folder = SPACES[request.param](), tmp_path_factory.mktemp("fmu")
-    write_fmu(space, folder)
+    fmu.write_fmu(space, folder)
     return space, folder
 
 
@@ -140,6 +142,41 @@ def test_a_unit_is_valid_and_steps_as_the_library(made: tuple[Space, Path], tmp_
         unit.call("setFMUstate", again)
         unit.step((TAKEN + 5) * h, 3 * h)
         np.testing.assert_array_equal(unit.get("track[2].position"), positions[TAKEN + 7])
+    unit.unit.terminate()
+    unit.unit.freeInstance()
+
+
+@pytest.mark.parametrize("name", [name for name in SPACES if "pins" not in name])
+def test_a_thousand_frames_with_grabs_agree_with_the_library_in_every_space_and_material(
+    name: str, library: Library, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fmu, "model_bytes", lambda space: model_bytes(space, TIGHT))
+    space = SPACES[name]()
+    fmu.write_fmu(space, tmp_path)
+    solid = NativeSolid(NativeModel(library, model_bytes(space, TIGHT)))
+    unit, h, (tip, target) = (
+        Unit(tmp_path / "solid-fmi3.fmu", tmp_path / "unit"),
+        space.scene.time_step,
+        tip_and_target(space),
+    )
+    unit.begin(**{"track[1].at": tip})
+    vertex, found, wanted, grab = np.array([space.scene.mesh.vertices[:, 0].argmax()]), [], [], 0
+    for frame in range(1000):
+        if frame % 50 == 10:
+            unit.set({"grab[1].point": tip, "grab[1].target": target, "grab[1].stiffness": 40.0, "grab[1].held": True})
+            grab = solid.grab(tip, target, 40.0)
+        if frame % 50 == 40:
+            unit.set({"grab[1].held": False})
+            solid.release(grab)
+        gravity = 9.8 * np.array([np.sin(0.01 * frame), -np.cos(0.01 * frame), 0.0])
+        unit.set({"gravity": gravity})
+        solid.set_gravity(gravity)
+        unit.step(frame * h, h)
+        solid.step()
+        found.append(unit.get("track[1].position") - tip)
+        wanted.append(solid.displacement(vertex)[0])
+    size = np.abs(wanted).max()
+    assert np.abs(np.array(found) - wanted).max() <= 1e-9 * size and size > 1e-3 * space.scene.mesh.diagonal
     unit.unit.terminate()
     unit.unit.freeInstance()
 
