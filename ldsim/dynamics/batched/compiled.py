@@ -66,6 +66,7 @@ def advance_many(
     acting: Acting,
     before: Array,
     lacking: NDArray[np.bool_],
+    others: bool,
     after: Array,
     records: Array,
 ) -> None:
@@ -75,6 +76,7 @@ def advance_many(
         reference: of a model and springs of its own (`ReducedStepper.unloaded`), which what acts is written into.
         moduli: μ and λ of its points, (c,) each.
         before, after: `ReducedState.data` of each, after is overwritten. lacking: which have no preconditioner.
+        others: False, for inverse Hessians hold no springs; as a constant it would have the whole step compiled again.
         records: (n, RECORD), overwritten.
     """
     model, springs = reference.content[0], reference.content[1]
@@ -84,7 +86,7 @@ def advance_many(
         model.lifted[:] = acting.lifted[i]
         for s in range(model.mu.shape[0]):
             model.mu[s], model.lam[s] = acting.mu[i] * moduli[0][s], acting.lam[i] * moduli[1][s]
-        iterations, evaluations, reason, value, norm = advance(reference, before[i], lacking[i], False, after[i])
+        iterations, evaluations, reason, value, norm = advance(reference, before[i], lacking[i], others, after[i])
         records[i, 0], records[i, 1], records[i, 2], records[i, 3], records[i, 4] = (
             iterations,
             evaluations,
@@ -137,7 +139,7 @@ class CompiledSteps:
             """Those of one thread, which writes nothing of others but rows of its own."""
             reference, moduli = self._of_thread(acting.stiffness.shape[1])
             own = Acting._make(each[part] for each in acting)
-            advance_many(reference, moduli, own, before[part], lacking[part], after[part], records[part])
+            advance_many(reference, moduli, own, before[part], lacking[part], False, after[part], records[part])
 
         threads = torch.get_num_threads()
         bounds = np.linspace(0, n, max(min(threads, n), 1) + 1).astype(int).tolist()

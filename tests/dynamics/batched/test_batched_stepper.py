@@ -20,6 +20,7 @@ from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
 from ldsim.dynamics.batched import stepper as batched_stepper
 from ldsim.dynamics.batched.newton import newton_direction
 from ldsim.dynamics.batched.stepper import FRAMES
+from ldsim.dynamics.reduced.advance import advance
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -412,6 +413,7 @@ def test_grabs_come_and_go_and_two_callers_share_a_stepper() -> None:
         first, *others = [each.result() for each in [callers.submit(run) for _ in range(4)]]
     alone = serial(stepper.space)
     expected = alone.rest()
+    assert len(advance.signatures) == 1  # the step is compiled once for both
     for count in (0, 1, 2, 1, 0):
         expected, _ = alone.step(expected, Loads(held[0][:count]))
     np.testing.assert_allclose(first[0], expected.q, atol=1e-8)
