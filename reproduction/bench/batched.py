@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ldsim.dynamics.batched import BatchedState, BatchedStepper
+from ldsim.dynamics.batched import BatchedStepper
+from ldsim.dynamics.batched.newton import BatchedSolution
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import one_thread
@@ -33,7 +34,7 @@ NAME = "batched"
 ROOMS = ("ldsim/dynamics/batched", "ldsim/dynamics/reduced")
 SIZES = (1, 4, 16, 64, 256, 1024, 4096, 16384)
 QUICK = (1, 16, 128)
-WARM_UP, TIMED = 3, 10
+WARM_UP, TIMED = 3, 40
 # A run on the CPU stops growing when the last size took longer than this, seconds.
 LONGEST = 120.0
 TOLERANCE = {torch.float64: 1e-8, torch.float32: 1e-3}
@@ -59,23 +60,24 @@ def pulls(scene: Scene, count: int) -> list[Loads]:
 def batched_rate(stepper: BatchedStepper, loads: list[Loads]) -> tuple[float, float, float]:
     """Steps of an instance a second, iterations a step, and the share that converged."""
     acting, state = stepper.loads(loads), stepper.rest(len(loads))
-    iterations, converged = 0.0, 0.0
-
-    def steps(state: BatchedState, count: int) -> BatchedState:
-        nonlocal iterations, converged
-        for _ in range(count):
-            state, solution = stepper.step(state, acting)
-            iterations += float(solution.iterations.double().mean()) / count
-            converged += float(solution.converged.double().mean()) / count
-        if stepper.device.type == "cuda":
-            torch.cuda.synchronize()
-        return state
-
-    state = steps(state, WARM_UP)
-    iterations, converged = 0.0, 0.0
+    for _ in range(WARM_UP):
+        state, _ = stepper.step(state, acting)
+    solutions: list[BatchedSolution] = []
+    _finish(stepper)
     started = time.perf_counter()
-    steps(state, TIMED)
-    return len(loads) * TIMED / (time.perf_counter() - started), iterations, converged
+    for _ in range(TIMED):
+        state, solution = stepper.step(state, acting)
+        solutions.append(solution)
+    _finish(stepper)
+    rate = len(loads) * TIMED / (time.perf_counter() - started)
+    iterations = np.mean([float(each.iterations.double().mean()) for each in solutions])
+    return rate, float(iterations), float(np.mean([float(each.converged.double().mean()) for each in solutions]))
+
+
+def _finish(stepper: BatchedStepper) -> None:
+    """Wait for a graphics card."""
+    if stepper.device.type == "cuda":
+        torch.cuda.synchronize()
 
 
 def serial_rate(stepper: ReducedStepper, loads: list[Loads]) -> float:

@@ -10,7 +10,6 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -142,8 +141,8 @@ class CompiledSteps:
             advance_many(reference, moduli, own, before[part], lacking[part], False, after[part], records[part])
 
         threads = torch.get_num_threads()
-        bounds = np.linspace(0, n, max(min(threads, n), 1) + 1).astype(int).tolist()
-        parts = [slice(first, last) for first, last in pairwise(bounds)]
+        count = max(min(threads, n), 1)
+        parts = [slice(n * i // count, n * (i + 1) // count) for i in range(count)]
         list(map(some, parts) if len(parts) == 1 else _pool(threads).map(some, parts))
         columns = torch.from_numpy(records).unbind(1)
         iterations, evaluations, reason = (column.long() for column in columns[:3])

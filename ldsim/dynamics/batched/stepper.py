@@ -182,7 +182,7 @@ class BatchedStepper:
             SolverError: the loads are of another number of instances than the state.
         """
         n = len(state.z)
-        if counts := {len(each) for each in loads} - {n}:
+        if counts := {each.shape[0] for each in loads} - {n}:
             raise SolverError(f"loads of {counts.pop()} instances, a state of {n}; each instance has a row of its own")
         results: list[_Solved] = []
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
