@@ -3,7 +3,7 @@
 A condensed space learns from relaxed poses. They can be those of recorded pulls alone, or of few recorded pulls and of
 where its own runs go under other pulls (`train.condensed.rounds`), which no full-space frame is needed for. Both are
 given the same number of relaxed poses, the same fit and the same configuration by `ldsim new`, and are judged by the
-same pulls. Results go to reproduction/results/enrichment.json.
+same pulls, in the mean and by the worst of them. Results go to reproduction/results/enrichment.json.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NAME = "enrichment"
 SOLIDS = {"slender_cross": (2, 8), "beam": (2, 6), "mounted_bar": (2, 6)}
 SEEDS = (1, 2, 3)
 # Recorded pulls that own runs start from, and recorded pulls alone.
-STARTED, ALONE = 4, (4, 8, 16, 32)
+STARTED, ALONE = 4, (4, 6, 7, 8, 16, 32)
 # Relaxed poses in all, of these in each of two rounds; gradients of the last fit; pulls that judge.
 POSES, EXPLORED, STEPS, JUDGES = 320, 80, 3000, 20
 STAGES = ("mesh", "snapshot", "pca", "train")
@@ -64,16 +64,20 @@ def of_solid(name: str, runs: Path) -> list[Row]:
     for seed in SEEDS:
         errors, frames = measured(base, runs, STARTED, True, seed, r)
         rows += _rows(name, f"seed {seed}, {STARTED} pulls and own runs", errors, frames)
-        wanted, needed = float(errors.mean()), float("nan")
+        wanted = {"mean": float(errors.mean()), "worst": float(errors.max())}
+        tried: list[tuple[float, dict[str, float]]] = []
         for pulls in ALONE:
             errors, other = measured(base, runs, pulls, False, seed, r)
             rows += _rows(name, f"seed {seed}, {pulls} pulls alone", errors, other)
-            if errors.mean() <= wanted:
-                needed = other / frames
+            tried.append((other / frames, {"mean": float(errors.mean()), "worst": float(errors.max())}))
+            if tried[-1][1]["mean"] <= wanted["mean"]:
                 break
-        reached = needed == needed
-        quantity = "frames of pulls alone for the same mean error" + ("" if reached else ", more than")
-        rows.append(row(name, f"seed {seed}, {quantity}", needed if reached else other / frames, "times", ">= 2"))
+        for kind, error in wanted.items():
+            needed = next((times for times, found in tried if found[kind] <= error), None)
+            quantity = f"seed {seed}, frames of pulls alone for the same {kind} error"
+            if needed is None:
+                quantity += ", more than"
+            rows.append(row(name, quantity, tried[-1][0] if needed is None else needed, "times", ">= 2"))
     return rows
 
 

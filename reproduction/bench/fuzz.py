@@ -35,7 +35,9 @@ MODELS: dict[str, Callable[[], Space]] = {
 def main() -> None:
     options = parser(NAME, __doc__)
     options.add_argument("--minutes", type=float, default=60.0)
-    minutes = options.parse_args().minutes
+    options.add_argument("--seed", type=int, default=1, help="the first; other seeds damage files in other ways")
+    given = options.parse_args()
+    minutes = given.minutes
     command = compiler()
     if command is None:
         raise SolverError("no C compiler was found")
@@ -45,7 +47,7 @@ def main() -> None:
         files = {name: Path(folder, name) for name in MODELS}
         for name, make in MODELS.items():
             files[name].write_bytes(model_bytes(make()))
-        started, seed = time.monotonic(), 0
+        started, seed = time.monotonic(), given.seed - 1
         while time.monotonic() - started < 60 * minutes:
             seed += 1
             for name, file in files.items():
