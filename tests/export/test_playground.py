@@ -286,7 +286,7 @@ def test_the_page_says_what_is_missing_without_webgl(tab: Tab, page: Path, tmp_p
 
 def test_a_drag_while_time_stands_still_is_told(opened: Tab) -> None:
     pull(opened)
-    opened.wait("document.getElementById('notice').textContent.startsWith('Paused')")
+    assert opened.wait("document.getElementById('notice').textContent").startswith("Paused")
     opened.mouse("mouseReleased", (0, 0))
 
 

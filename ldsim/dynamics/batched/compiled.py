@@ -50,11 +50,9 @@ class Acting(NamedTuple):
     @classmethod
     def of(cls, model: BatchedModel, loads: BatchedLoads) -> Acting:
         given = loads.B, loads.centre, loads.target, loads.stiffness, loads.mu, loads.lam, model.dead(loads)
-        lifted = (
-            (loads.a @ model.lifted).permute(1, 2, 0)
-            if model.lifted.shape[1]
-            else loads.a.new_zeros(len(loads.a), 0, 9)
-        )
+        lifted = loads.a.new_zeros(len(loads.a), 0, 9)
+        if model.lifted.shape[1]:
+            lifted = (loads.a @ model.lifted).permute(1, 2, 0)
         return cls(*(np.ascontiguousarray(each.numpy()) for each in (*given, lifted)))
 
 
@@ -76,7 +74,7 @@ def advance_many(
         moduli: μ and λ of its points, (c,) each.
         before, after: `ReducedState.data` of each, after is overwritten. lacking: which have no preconditioner.
         others: False, for inverse Hessians hold no springs; as a constant it would have the whole step compiled again.
-        records: (n, RECORD), overwritten.
+        records: (n, RECORD), what `advance` returns of each, overwritten.
     """
     model, springs = reference.content[0], reference.content[1]
     for i in range(before.shape[0]):
@@ -85,13 +83,8 @@ def advance_many(
         model.lifted[:] = acting.lifted[i]
         for s in range(model.mu.shape[0]):
             model.mu[s], model.lam[s] = acting.mu[i] * moduli[0][s], acting.lam[i] * moduli[1][s]
-        iterations, evaluations, reason, value, norm = advance(reference, before[i], lacking[i], others, after[i])
-        records[i, 0], records[i, 1], records[i, 2], records[i, 3], records[i, 4] = (
-            iterations,
-            evaluations,
-            reason,
-            value,
-            norm,
+        records[i, 0], records[i, 1], records[i, 2], records[i, 3], records[i, 4] = advance(
+            reference, before[i], lacking[i], others, after[i]
         )
 
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -20,12 +17,8 @@ from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
 from ldsim.dynamics.batched import stepper as batched_stepper
 from ldsim.dynamics.batched.newton import newton_direction
 from ldsim.dynamics.batched.stepper import FRAMES
-from ldsim.dynamics.reduced.advance import advance
-from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
-from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import MotionError, SolverError
-from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion, Support
@@ -33,17 +26,15 @@ from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
-from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
+from tests.dynamics.batched.solids import K, basis, batched, body, curved, march, pulls, serial
 from tests.helpers import derivative_order, reduced_space, scene
 
 Array = NDArray[np.float64]
 
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
-K, R = 6, 3
 
 
 @pytest.fixture(autouse=True, params=["compiled", "on tensors"])
@@ -53,59 +44,12 @@ def steps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setattr(batched_stepper, "is_compiled", lambda device, dtype: False)
 
 
-@cache
-def body(material: str = "neo_hookean") -> Scene:
-    plain = scene(beam(resolution=1), material=material, youngs_modulus=3e4)
-    return replace(plain, load=np.random.default_rng(4).normal(size=plain.mesh.vertices.shape))
-
-
-@cache
-def basis(body: Scene) -> Array:
-    """Smooth displacements, mass-orthonormal, (3n, K)."""
-    x, rng = body.mesh.vertices, np.random.default_rng(0)
-    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
-    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + 5 * x @ rng.normal(size=(3, 3))) for i in range(K)]
-    held = [np.where(body.pinned[:, None], 0.0, field).ravel() for field in fields]
-    return orthonormalised(np.stack(held, axis=1), inner_product(body.mass, "mass")).matrix
-
-
-def curved(activation: str = "elu") -> Decoder:
-    rng = np.random.default_rng(1)
-    weights = [rng.normal(size=(R, 8)), 0.5 * rng.normal(size=(8, 7)), 0.05 * rng.normal(size=(7, K))]
-    return Decoder.network(weights, [rng.normal(size=8), rng.normal(size=7), np.zeros(K)], activation, np.eye(R, K))
-
-
 DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh"), "sigmoid": curved("sigmoid")}
 
 
 # Every material in a latent space, every decoder with one material.
 CASES = {f"{material} elu": (material, DECODERS["elu"]) for material in MATERIALS}
 CASES |= {f"neo_hookean {name}": ("neo_hookean", decoder) for name, decoder in DECODERS.items()}
-
-
-def batched(some: Scene, decoder: Decoder, **options: object) -> BatchedStepper:
-    return BatchedStepper(reduced_space(some, basis(some), decoder), **options)  # type: ignore[arg-type]
-
-
-def serial(space: Space, tolerance: float = 1e-9) -> ReducedStepper:
-    return ReducedStepper(space, ReducedOptions(tolerance=tolerance, max_iterations=500))
-
-
-def pulls(some: Scene, seed: int) -> Loads:
-    """One or two grabs of the free end."""
-    rng = np.random.default_rng(seed)
-    tips = np.argsort(some.mesh.vertices[:, 0])[-4:]
-    chosen = [tips, tips[:2]][: 1 + seed % 2]
-    rest = some.mesh.vertices
-    return Loads(tuple(Grab(v, rest[v].mean(axis=0) + 0.06 * rng.normal(size=3), 20.0 + 30 * seed) for v in chosen))
-
-
-def march(stepper: BatchedStepper, loads: BatchedLoads, frames: int) -> BatchedState:
-    state = stepper.rest(len(loads.mu))
-    for _ in range(frames):
-        state, solution = stepper.step(state, loads)
-        assert solution.converged.all()
-    return state
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -374,52 +318,6 @@ def test_a_state_comes_back_from_the_batch_as_it_went_in() -> None:
     assert not again.kept.any()
 
 
-def test_steps_go_on_from_what_the_last_one_kept_and_share_their_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batched_stepper, "is_compiled", lambda device, dtype: True)
-    stepper = batched(body(), curved())
-    loads = stepper.loads([pulls(body(), seed) for seed in range(5)])
-    state = march(stepper, loads, 3)
-    anew = replace(state, kept=torch.zeros_like(state.kept))
-    (kept, solution), (made, other) = stepper.step(state, loads), stepper.step(anew, loads)
-    np.testing.assert_allclose(kept.q, made.q, atol=1e-9)
-    assert not torch.equal(kept.kept, made.kept) and solution.converged.all() and other.converged.all()
-    monkeypatch.setattr(torch, "get_num_threads", lambda: 3)
-    np.testing.assert_array_equal(stepper.step(state, loads)[0].q, kept.q)
-
-
-def test_coordinates_that_a_step_hands_out_are_those_of_the_decoder_and_of_the_start_where_it_was_lost() -> None:
-    stepper = batched(body(), curved(), max_iterations=2)  # so that some stop early
-    loads = stepper.loads([pulls(body(), seed) for seed in range(4)])
-    state, _ = stepper.step(stepper.rest(4), loads)
-    np.testing.assert_allclose(state.q, stepper.model.decoder(state.z), atol=1e-14)
-    far = replace(state, z=1e3 * state.z + 1e3, z_previous=1e3 * state.z + 1e3, kept=torch.zeros_like(state.kept))
-    after, solution = stepper.step(far, loads)
-    assert len(solution.lost) == 4
-    np.testing.assert_array_equal(after.q, state.q)
-
-
-def test_grabs_come_and_go_and_two_callers_share_a_stepper() -> None:
-    stepper = batched(body(), curved())
-    held = [pulls(body(), seed).grabs for seed in (1, 2)]
-    acting = [stepper.loads([Loads(grabs[:count]) for grabs in held]) for count in (0, 1, 2, 1, 0)]
-
-    def run() -> Tensor:
-        state = stepper.rest(2)
-        for loads in acting:
-            state, _ = stepper.step(state, loads)
-        return state.q
-
-    with ThreadPoolExecutor(2) as callers:
-        first, *others = [each.result() for each in [callers.submit(run) for _ in range(4)]]
-    alone = serial(stepper.space)
-    expected = alone.rest()
-    assert len(advance.signatures) == 1  # the step is compiled once for both
-    for count in (0, 1, 2, 1, 0):
-        expected, _ = alone.step(expected, Loads(held[0][:count]))
-    np.testing.assert_allclose(first[0], expected.q, atol=1e-8)
-    assert all(torch.equal(first, each) for each in others)
-
-
 @pytest.mark.parametrize("wrong", [{}, {"mu": 1}, {"target": 1}])
 def test_loads_of_another_number_of_instances_are_refused(wrong: dict[str, int]) -> None:
     stepper = batched(body(), curved())
@@ -427,21 +325,6 @@ def test_loads_of_another_number_of_instances_are_refused(wrong: dict[str, int])
     loads = loads._replace(**{name: getattr(loads, name)[:count] for name, count in wrong.items()})
     with pytest.raises(SolverError, match="loads of 1 instances, a state of 3"):
         stepper.step(stepper.rest(3), loads)
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_a_forked_process_has_threads_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch, "get_num_threads", lambda: 2)
-    stepper = batched(body(), curved())
-    loads = stepper.loads([pulls(body(), 1), pulls(body(), 2)])
-    state, _ = stepper.step(stepper.rest(2), loads)
-    child = multiprocessing.get_context("fork").Process(target=stepper.step, args=(state, loads))
-    child.start()
-    child.join(60)
-    alive = child.is_alive()
-    child.kill()
-    assert not alive and child.exitcode == 0
 
 
 @pytest.mark.parametrize(
