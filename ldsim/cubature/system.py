@@ -191,6 +191,7 @@ class Candidates:
     def _with_points(self, points: Indices) -> Candidates:
         new = self.system.columns(points)
         norms = np.linalg.norm(new, axis=0)
+        norms[norms == 0] = 1.0  # a cell whose vertices are all pinned adds nothing, whatever its multiplier
         new /= norms
         mixed = self.columns.T @ new
         return replace(

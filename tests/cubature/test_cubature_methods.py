@@ -94,6 +94,15 @@ def test_a_method_starting_at_every_point_with_its_full_weight_stays_there(metho
     assert np.allclose(path.path(1e-9).best.weights, 1.0, atol=1e-6)
 
 
+@every_solved
+def test_points_of_cells_that_are_pinned_whole_are_passed_over_where_the_volume_does_not_count(method: str) -> None:
+    rng = np.random.default_rng(2)
+    columns = rng.standard_normal((40, 60)) * (np.arange(60) % 2)  # every other one is zero
+    result = fit_to(GivenColumns(columns, np.ones(60)), options(method, 1e-6, 60), 0.0)
+    assert result.meets(1e-6)
+    assert (result.best.points % 2 == 1).all()
+
+
 @every_method
 def test_only_candidates_are_chosen_and_the_error_is_that_of_all_points(method: str) -> None:
     p = latent_problem(beam_scene((8, 3, 3), "tet4"), r=4, k=10, count=30)
