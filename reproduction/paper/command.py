@@ -10,9 +10,17 @@ import click
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import LdsimError, SettingsError
-from reproduction.harness import Harness, origin, write_json
+from reproduction.harness import CONFIGS, PICTURES, RESULTS, ROOT, Harness, origin, write_json
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
+
+ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "optimise")]
+
+
+def inputs() -> list[str]:
+    """What the results follow from."""
+    settings = [str(path.relative_to(ROOT)) for path in sorted((CONFIGS / "paper").glob("*.yaml"))]
+    return [*ROOMS, "reproduction/paper", *settings]
 
 
 def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
@@ -25,15 +33,18 @@ def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
         "passed": all(relation["holds"] for relation in relations),
         "relations": relations,
         "numbers": outcome.numbers,
-        **origin(f"make paper NAME={name}{' QUICK=yes' if quick else ''}"),
+        **origin(f"make paper NAME={name}{' QUICK=yes' if quick else ''}", inputs=inputs()),
     }
 
 
-def write_outcome(folder: Path, name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
-    """Write NAME.svg and NAME.json, and return what the latter holds."""
+def write_outcome(folder: Path, pictures: Path, name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
+    """Write paper_NAME.svg and, where there are solids to show, paper_NAME.webp; NAME.json, and return its content."""
     content = record(name, quick, outcome)
-    with replacing(folder / f"{name}.svg") as temporary:
+    with replacing(pictures / f"paper_{name}.svg") as temporary:
         temporary.write_text(outcome.figure, encoding="utf-8")
+    if outcome.still is not None:
+        with replacing(pictures / f"paper_{name}.webp") as temporary:
+            temporary.write_bytes(outcome.still)
     write_json(folder / f"{name}.json", content)
     return content
 
@@ -41,13 +52,15 @@ def write_outcome(folder: Path, name: str, quick: bool, outcome: Outcome) -> dic
 def _make(name: str, runs: Path, quick: bool) -> bool:
     """Make one experiment, say what it found, and return whether every relation holds."""
     bench = Harness(runs, name, quick)
-    content = write_outcome(bench.folder, name, quick, EXPERIMENTS[name].run(bench))
+    # what was made in full size is committed, and docs/paper.md shows it
+    folder, pictures = (bench.folder, bench.folder) if quick else (RESULTS / "paper", PICTURES)
+    content = write_outcome(folder, pictures, name, quick, EXPERIMENTS[name].run(bench))
     click.echo(f"{name}: {content['shows']}: {'passed' if content['passed'] else 'FAILED'}")
     for relation in content["relations"]:
         value = "not finite" if relation["value"] is None else f"{relation['value']:.4g}"
         mark = "holds" if relation["holds"] else "FAILS"
         click.echo(f"  {mark}: {relation['claim']}: {value}, expected {relation['goal']}")
-    click.echo(f"  {bench.folder}/{name}.svg, {name}.json")
+    click.echo(f"  {folder}/{name}.json, {pictures}/paper_{name}.svg")
     return bool(content["passed"])
 
 

@@ -26,11 +26,13 @@ class Relation:
         claim: what is compared with what.
         value: the number that was measured; None or not finite where it could not be, which never holds.
         goal: a comparison such as "<= 0.5", as in the benchmarks' rows.
+        paper: the same number in the paper or in its authors' data, where there is one.
     """
 
     claim: str
     value: float | None
     goal: str
+    paper: float | None = None
 
     @property
     def holds(self) -> bool:
@@ -40,21 +42,38 @@ class Relation:
     def record(self) -> dict[str, Any]:
         """For JSON, which knows no infinities."""
         value = self.value if self.value is not None and math.isfinite(self.value) else None
-        return {"claim": self.claim, "value": value, "goal": self.goal, "holds": self.holds}
+        return {"claim": self.claim, "value": value, "goal": self.goal, "holds": self.holds, "paper": self.paper}
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What an experiment found: a figure as SVG, the numbers behind it, and the paper's relations."""
+    """What an experiment found.
+
+    Attributes:
+        figure: SVG.
+        numbers: behind it, for JSON.
+        relations: of the paper.
+        still: solids in the spaces compared, WebP, where the paper shows them.
+    """
 
     figure: str
     numbers: Mapping[str, Any]
     relations: tuple[Relation, ...]
+    still: bytes | None = None
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """An entry of the table: what the paper shows, and the function that shows it."""
+    """An entry of the table.
+
+    Attributes:
+        shows: what the paper shows, in a few words.
+        run: shows it here.
+        paper: what the paper says and measured, and how this experiment differs from it.
+        found: what the full size showed, and why, where a relation does not hold.
+    """
 
     shows: str
     run: Callable[[Harness], Outcome]
+    paper: str
+    found: str = ""

@@ -41,7 +41,7 @@ class FullSpaceTrained:
 
 
 def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: TrainOptions, mode: str) -> FullSpaceTrained:
-    """Train with the loss ‖û − u‖² in the full space (paper, Sec. 4.2), by Adam: the outer layers have 3n rows.
+    """Train with the loss ‖û − u‖² in the full space (paper, Sec. 4.2), by Adam at a fixed rate.
 
     Args:
         u: displacements, (N, 3n), metres.
@@ -78,14 +78,12 @@ def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: TrainOpt
 def _fit(
     data: torch.Tensor, model: Autoencoder, down: torch.nn.Linear, up: torch.nn.Linear, options: TrainOptions
 ) -> list[float]:
-    """Adam on a cosine; the loss of each epoch, scaled."""
+    """Adam at the rate of the options; the loss of each epoch, scaled."""
     generator = torch.Generator().manual_seed(options.seed)
     free = [p for part in (model, down, up) for p in part.parameters() if p.requires_grad]
     optimiser = torch.optim.Adam(free, lr=options.learning_rate)
     losses: list[float] = []
     for epoch in range(options.epochs):
-        for group in optimiser.param_groups:
-            group["lr"] = options.learning_rate * 0.5 * (1.001 + 0.999 * math.cos(math.pi * epoch / options.epochs))
         total = 0.0
         for batch in torch.split(torch.randperm(len(data), generator=generator), options.batch):
             optimiser.zero_grad(set_to_none=True)

@@ -11,6 +11,7 @@ from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration
+from reproduction.paper.stills import farthest_frame, still
 from reproduction.reduced_runs import displacements, largest_error, latent, online_error, play, training_coordinates
 
 Array = NDArray[np.float64]
@@ -107,9 +108,13 @@ def larger_bends(bench: Harness) -> Outcome:
         runs = {name: play(run, "swing", space) for name, space in spaces.items()}
         errors = {name: online_error(result) for name, result in runs.items()}
         paths = {"full": _bob(run, displacements(run, "swing"))}
+        frame, u = farthest_frame(run, "swing")
+        poses = {"full": u}
         for name, result in runs.items():
             assert result.coordinates is not None
             paths[name] = _bob(run, spaces[name].displacement(result.coordinates))
+            poses[name] = spaces[name].displacement(result.coordinates[frame])
+        shown = still(run.scene, poses)
     rise = {name: float(np.nanmax(path[:, 1]) - paths["full"][0, 1]) for name, path in paths.items()}
     relations = (
         Relation(
@@ -121,4 +126,4 @@ def larger_bends(bench: Harness) -> Outcome:
         Relation("height the bob rises to, linear over full space", rise["PCA-1"] / rise["full"], "<= 0.5"),
     )
     figure = _draw(paths, "Path of the bob simulated with one or two linear coordinates and one nonlinear one")
-    return Outcome(figure, {"online_error": errors, "rise_m": rise}, relations)
+    return Outcome(figure, {"online_error": errors, "rise_m": rise}, relations, shown)

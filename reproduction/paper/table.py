@@ -10,23 +10,106 @@ from reproduction.paper.behaviour import (
 )
 from reproduction.paper.convergence import convergence
 from reproduction.paper.experiment import Experiment
+from reproduction.paper.networks import networks
 from reproduction.paper.pendulum import larger_bends, one_coordinate_is_enough
 from reproduction.paper.sizes import depth, latent_and_outer_size
+from reproduction.paper.solvers import solvers
 from reproduction.paper.timing import armadillo_speed, profile, table_one
 from reproduction.paper.training_modes import training_modes
 
 EXPERIMENTS: dict[str, Experiment] = {
-    "table1": Experiment("dimensions and step times, latent against linear", table_one),
-    "fig2": Experiment("one latent coordinate holds the arc that takes two linear ones", one_coordinate_is_enough),
-    "fig3": Experiment("at equal degrees of freedom the autoencoder follows larger bends", larger_bends),
-    "fig5": Experiment("four ways to train the autoencoder and its outer layers", training_modes),
-    "fig6": Experiment("depth of the network against error and step time", depth),
-    "fig7": Experiment("error against latent and outer dimension", latent_and_outer_size),
-    "fig9": Experiment("quasi-static convergence in the latent, the linear and the full space", convergence),
-    "fig10": Experiment("the catapult with a single cubature point", one_cubature_point),
-    "fig11": Experiment("the dragon against full space, with and without cubature", cubature_against_every_element),
-    "fig12": Experiment("evaluations a step and the cost of one", profile),
-    "fig13": Experiment("the armadillo, r = 20 against PCA of equal error", armadillo_speed),
-    "fig14": Experiment("a bar against full space, and its material changed after training", material_after_training),
-    "fig15": Experiment("a local pull that a reduced space answers globally", local_pull),
+    "table1": Experiment(
+        "dimensions and step times, latent against linear",
+        table_one,
+        "Five models, each trained on one recording and timed on it: latent steps are 1.00 to 1.67 times as fast as "
+        "linear ones of about equal training error, 1.21 times in the geometric mean. Here the armadillo has 52,897 "
+        "tets and the dragon 56,822, the finest meshes that are public; the paper's have 164,249 and 429,740.",
+    ),
+    "fig2": Experiment(
+        "one latent coordinate holds the arc that takes two linear ones",
+        one_coordinate_is_enough,
+        "A pendulum swings along an arc: one latent coordinate follows it, two linear ones are needed. A sketch in the "
+        "paper, without numbers; the thresholds are ours.",
+    ),
+    "fig3": Experiment(
+        "at equal degrees of freedom the autoencoder follows larger bends",
+        larger_bends,
+        "A picture in the paper, without numbers. Here the pendulum of Figure 2 is led to 60° on either side; the "
+        "thresholds are ours.",
+    ),
+    "fig5": Experiment(
+        "four ways to train the autoencoder and its outer layers",
+        training_modes,
+        "A beam of 5,000 tets, r 5, k 15, 200 × 200, 2,000 epochs. Mean squared error at the end (authors' data): "
+        "8.8e-7 m² from a random start, 5.6e-7 from the PCA and trained on, 6.1e-7 with the PCA frozen, 4.1e-7 with "
+        "the loss in PCA coordinates, 7.9e-6 for PCA-5, 5.1e-7 for PCA-10; 473, 461, 456 and 195 s. Here the beam has "
+        "3,042 tets, and all four are trained by Adam at a fixed rate of 10⁻³.",
+    ),
+    "fig6": Experiment(
+        "depth of the network against error and step time",
+        depth,
+        "X, r 6, k 19, one to six hidden layers of 200: the largest error is 31.1, 20.2, 20.1, 17.1, 17.1, 17.5 mm and "
+        "a step takes 3.36, 3.48, 4.76, 5.28, 5.53, 6.44 ms (authors' data). Here by SOAP, 500 epochs, three seeds.",
+    ),
+    "fig7": Experiment(
+        "error against latent and outer dimension",
+        latent_and_outer_size,
+        "Beam, largest error (authors' data): r 3 about 43 mm for any k; r 6 34.7, 18.8, 15.4 for k 6, 10, 20; r 10 "
+        "16.1 and 11.8 for k 10 and 20. Here by SOAP, 500 epochs, three seeds.",
+    ),
+    "fig9": Experiment(
+        "quasi-static convergence in the latent, the linear and the full space",
+        convergence,
+        "L-BFGS relaxes a bent X: 46, 90 and 216 iterations in the latent, the linear and the full space, 563, 961 and "
+        "4,376 ms; the latent space ends at 4.3e-8 J, for nothing decodes to rest exactly. Here all three stop at a "
+        "millionth of the first potential; every element is integrated, and the stepper is there before it is timed.",
+    ),
+    "fig10": Experiment(
+        "the catapult with a single cubature point",
+        one_cubature_point,
+        "431 frames of 0.5 ms with one cubature point: two latent coordinates stay near the motion, six linear ones "
+        "diverge; 7.9 and 30.5 evaluations a step.",
+    ),
+    "fig11": Experiment(
+        "the dragon against full space, with and without cubature",
+        cubature_against_every_element,
+        "10 or 11 latent and 25 or 29 linear coordinates beside the full space, by eye; the latent step is 1.2 times "
+        "as fast. Here the dragon has 56,822 tets for 429,740; the thresholds of the errors are ours.",
+    ),
+    "fig12": Experiment(
+        "what a step is spent on",
+        profile,
+        "Armadillo: 9.3 evaluations a latent step and 28 a linear one; a latent evaluation costs about twice as much.",
+    ),
+    "fig13": Experiment(
+        "the armadillo, r = 20 against PCA of equal error",
+        armadillo_speed,
+        "20 latent coordinates for 62 linear ones, 1.67 times as many steps a second; by the authors' data 1.52 times, "
+        "each side with the better of its settings, for the linear space is faster without its preconditioner.",
+    ),
+    "fig14": Experiment(
+        "a bar against full space, and its material changed after training",
+        material_after_training,
+        "A bar of 10⁵ Pa beside the full space, by eye, and with another modulus set after training. The thresholds, "
+        "and twice the modulus, are ours.",
+    ),
+    "fig15": Experiment(
+        "a local pull that a reduced space answers globally",
+        local_pull,
+        "A pull on the elephant's arm makes its trunk wiggle. Shown as a limitation, without numbers.",
+    ),
+    "solvers": Experiment(
+        "Newton's method, and L-BFGS without its preconditioner",
+        solvers,
+        "Section 6.2: in the linear space Newton's method takes fewer iterations and is about 1.3 times slower. By the "
+        "authors' data of the armadillo a linear step takes 9.60 ms without the preconditioner and 10.5 with it. Here "
+        "on the armadillo's training motion.",
+    ),
+    "networks": Experiment(
+        "ReLU, denoising and variational autoencoders",
+        networks,
+        "Sections 4.2 and 4.4: ReLU is simplest but makes artefacts in simulation, and the plain autoencoder is better "
+        "than a denoising and a variational one; in words. Here X, r 6; the noise (a tenth of each coordinate's "
+        "r.m.s.) and the weight (10⁻³) are ours.",
+    ),
 }

@@ -13,8 +13,10 @@ from ldsim.report.paper import paper_row
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from ldsim.run import Run
 from reproduction.harness import Harness
+from reproduction.paper.evaluation import parts_of_evaluation
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration, armadillo, bar, cross, dragon, elephant
+from reproduction.paper.stills import farthest_frame, still
 from reproduction.reduced_runs import online_error
 
 
@@ -102,38 +104,83 @@ def table_one(bench: Harness) -> Outcome:
 def table_relations(ratios: dict[str, float], dimensions: dict[str, tuple[int, int]]) -> tuple[Relation, ...]:
     """The relations of Table 1 from linear over latent step times, and (r, kp), of each model."""
     mean = math.exp(sum(math.log(ratio) for ratio in ratios.values()) / len(ratios))
-    smaller = (Relation(f"r over kp, {name}", r / kp, "< 1") for name, (r, kp) in dimensions.items())
-    faster = (Relation(f"linear step over latent step, {name}", ratio, ">= 1") for name, ratio in ratios.items())
-    return (*smaller, *faster, Relation("geometric mean of linear over latent step", mean, ">= 1.21"))
+    papers = {name: row for name in ratios if (row := paper_row(name)) is not None}
+    smaller = (
+        Relation(f"r over kp, {name}", r / kp, "< 1", paper=papers[name].r / papers[name].kp)
+        for name, (r, kp) in dimensions.items()
+    )
+    faster = (
+        Relation(f"linear step over latent step, {name}", ratio, ">= 1", paper=papers[name].speedup)
+        for name, ratio in ratios.items()
+    )
+    return (*smaller, *faster, Relation("geometric mean of linear over latent step", mean, ">= 1.21", paper=1.21))
 
 
 def profile(bench: Harness) -> Outcome:
-    """Figure 12: evaluations a step and the cost of one evaluation, linear and latent (armadillo)."""
+    """Figure 12: what an evaluation and a step are made of, linear and latent (armadillo)."""
     found = sides(bench, armadillo(bench.quick))
+    with Run.open(bench.made(armadillo(bench.quick), "simulate")) as run:
+        parts = {name: parts_of_evaluation(run, name) for name in found}
+    for name, side in found.items():
+        # the preconditioner is made once a step; the rest of a step is the two-loop recursion, and calling it all
+        inside = {part: us for part, us in parts[name].items() if part != "preconditioner"}
+        step = side.evaluations * sum(inside.values()) + parts[name]["preconditioner"]
+        parts[name]["rest of a step"] = 1e3 * side.step_ms - step
     linear, latent = found["linear"], found["latent"]
-    texts = (f"{side.evaluation_us:.3g} µs each" for side in (linear, latent))
-    figure = _two_bars(linear, latent, (linear.evaluations, latent.evaluations), "evaluations a step", texts)
     relations = (
-        Relation("evaluations a step, latent over linear", latent.evaluations / linear.evaluations, "< 1"),
-        Relation("cost of an evaluation, latent over linear", latent.evaluation_us / linear.evaluation_us, ">= 1"),
+        Relation(
+            "evaluations a step, latent over linear", latent.evaluations / linear.evaluations, "< 1", paper=9.3 / 28
+        ),
+        Relation(
+            "cost of an evaluation, latent over linear", latent.evaluation_us / linear.evaluation_us, ">= 1", paper=2
+        ),
     )
-    label = "Evaluations a step and the cost of one in the linear and the latent space"
-    return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
+    label = "Microseconds of a step and what they are spent on, in the linear and the latent space"
+    numbers = {name: asdict(side) | {"parts_us": parts[name]} for name, side in found.items()}
+    return Outcome(to_svg(_breakdown(found, parts), label), numbers, relations)
+
+
+SHADES = ("linear", "second", "full", "scale-1", "latent", "scale-3", "scale-0")
+
+
+def _breakdown(found: dict[str, Side], parts: dict[str, dict[str, float]]) -> Figure:
+    """A bar of a step for each space, in parts."""
+    figure, ax = new_axes("µs of a step", "", height=2.6)
+    names = [f"{name}, {side.dimension}:\n{side.evaluations:.3g} evaluations" for name, side in found.items()]
+    begin = np.zeros(len(found))
+    for shade, part in zip(SHADES, parts["linear"], strict=True):
+        once = part in ("preconditioner", "rest of a step")
+        long = np.array([parts[name][part] * (1 if once else side.evaluations) for name, side in found.items()])
+        ax.barh(range(len(found)), long, 0.55, left=begin, color=PALETTE[shade], label=part)
+        begin += long
+    ax.set_yticks(range(len(found)), names)
+    ax.invert_yaxis()
+    legend(ax)
+    return figure
 
 
 def armadillo_speed(bench: Harness) -> Outcome:
     """Figure 13: the armadillo with r = 20 against the linear space of equal training error."""
     found = sides(bench, armadillo(bench.quick))
+    with Run.open(bench.made(armadillo(bench.quick), "simulate")) as run:
+        motion = run.snapshots.with_role("train")[0]
+        frame, u = farthest_frame(run, motion)
+        poses = {"full": u}
+        for name, side in found.items():
+            coordinates = run.simulation[name][motion].coordinates
+            assert coordinates is not None
+            poses[f"{name}, {side.dimension}"] = run.space(name).displacement(coordinates[frame])
+        shown = still(run.scene, poses)
     linear, latent = found["linear"], found["latent"]
     texts = (f"{side.points} points, error {100 * side.online_error:.3g} %" for side in (linear, latent))
     figure = _two_bars(linear, latent, (linear.step_ms, latent.step_ms), "median step, ms", texts)
     relations = (
-        Relation("r over kp", latent.dimension / linear.dimension, "< 1"),
-        Relation("linear step over latent step", linear.step_ms / latent.step_ms, ">= 1.52"),
+        Relation("r over kp", latent.dimension / linear.dimension, "< 1", paper=20 / 62),
+        Relation("linear step over latent step", linear.step_ms / latent.step_ms, ">= 1.52", paper=1.67),
         Relation("online error, latent over linear", latent.online_error / linear.online_error, "<= 1.5"),
     )
     label = "Time of a step of the armadillo in the linear and the latent space"
-    return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations)
+    return Outcome(to_svg(figure, label), {space: asdict(side) for space, side in found.items()}, relations, shown)
 
 
 def _two_bars(linear: Side, latent: Side, heights: tuple[float, float], what: str, texts: Iterable[str]) -> Figure:

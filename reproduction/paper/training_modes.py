@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
 from ldsim.learn.training import train
-from ldsim.report.svg import PALETTE, log_scale, new_axes, to_svg
+from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
@@ -24,66 +25,86 @@ from reproduction.reduced_runs import displacements
 Array = NDArray[np.float64]
 
 LATENT_DIMENSION, OUTER_DIMENSION = 5, 15
-# The full-space losses are trained by Adam, whose steps are another size than SOAP's, which trains the fourth mode.
-ADAM_RATE = 1e-3
 # Of the linear spaces beside them.
 MODES_BESIDE = (5, 10)
+# At a fixed rate the loss of the last epoch is luck; the error is the median of so large a share of epochs at the end.
+LAST = 0.05
 NAMES = {
     "random": "random start, full-space loss",
     "pca_trained": "PCA start, trained on",
     "pca_frozen": "PCA start, frozen",
     "pca_space": "loss in PCA coordinates",
 }
+LOOKS = {
+    "random": ("second", "-"),
+    "pca_trained": ("linear", "-"),
+    "pca_frozen": ("linear", ":"),
+    "pca_space": ("latent", "-"),
+}
 
 
 def training_modes(bench: Harness) -> Outcome:
-    """Figure 5: mean squared error and training time of the four modes (a coarse beam, r 5, k 15, [200, 200])."""
+    """Figure 5: mean squared error and training time of the four modes (a coarse beam, r 5, k 15, [200, 200]).
+
+    All are trained by Adam at a fixed 10⁻³, and judged by the mean squared error of the displacements over the frames
+    of an epoch.
+    """
     epochs, width = (200, 60) if bench.quick else (2000, 200)
-    options = TrainOptions(hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=0.01)
+    options = TrainOptions(
+        hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=0.01,
+        optimiser="adam", schedule="fixed", learning_rate=1e-3,
+    )  # fmt: skip
     with Run.open(bench.made(coarse_bar(bench.quick), "pca")) as run:
         u = np.concatenate([displacements(run, name) for name in run.snapshots.with_role("train")])
         u = u.reshape(len(u), -1)
         U = run.basis.columns(OUTER_DIMENSION).matrix
-        rows = {
-            name: bench.remembered(f"{name}, {epochs} epochs, width {width}", lambda: _measured(u, U, options, name))
-            for name in NAMES
-        }
-        linear = {k: _squared_error(u, u @ U[:, :k] @ U[:, :k].T) for k in MODES_BESIDE}
-    errors = {name: float(row["mean_squared_error_m2"]) for name, row in rows.items()}
+        told = f"Adam, {epochs} epochs, width {width}"
+        rows = {name: bench.remembered(f"{name}, {told}", lambda: _trained(u, U, options, name)) for name in NAMES}
+        linear = {k: float(np.square(_outside(u, U[:, :k])).mean()) for k in MODES_BESIDE}
+    errors = {name: settled(row["mean_squared_error_m2"]) for name, row in rows.items()}
     seconds = {name: float(row["seconds"]) for name, row in rows.items()}
-    label = "Mean squared error of the four ways of training, and of PCA; lower is better"
-    numbers = {"modes": rows, "pca_mean_squared_error_m2": linear}
-    return Outcome(to_svg(_drawn(errors, linear), label), numbers, mode_relations(errors, seconds, linear))
+    label = "Mean squared error of the four ways of training after each epoch, and of PCA"
+    numbers = {"modes": rows, "settled_m2": errors, "pca_mean_squared_error_m2": linear}
+    return Outcome(to_svg(_drawn(rows, linear), label), numbers, mode_relations(errors, seconds, linear))
 
 
-def _measured(u: Array, U: Array, options: TrainOptions, mode: str) -> dict[str, Any]:
-    """Error over the training snapshots u (N, 3n) and the time that training took."""
+def settled(curve: list[float]) -> float:
+    """The error that a training ends with."""
+    return float(np.median(curve[-max(int(LAST * len(curve)), 1) :]))
+
+
+def _outside(u: Array, U: Array) -> Array:
+    """What of displacements (N, 3n) is not in the span of U, UᵀU = I."""
+    return u - (u @ U) @ U.T
+
+
+def _trained(u: Array, U: Array, options: TrainOptions, mode: str) -> dict[str, Any]:
+    """Error over the training snapshots u (N, 3n) after each epoch, and the time that training took."""
     started = time.perf_counter()
     with one_thread():
         if mode == "pca_space":
-            basis, trained = U, train(Examples(u @ U), LATENT_DIMENSION, options)
-            decoder, encoder = trained.decoder, trained.encoder
+            # what the basis misses is missed whatever is learned
+            loss = train(Examples(u @ U), LATENT_DIMENSION, options).loss[:, 0]
+            missed = float(np.square(_outside(u, U)).sum(axis=1).mean())
         else:
-            by_adam = options.replace(learning_rate=ADAM_RATE)
-            found = train_full_space(u.astype(np.float32), U, LATENT_DIMENSION, by_adam, mode)
-            basis, decoder, encoder = found.U, found.decoder, found.encoder
+            loss, missed = train_full_space(u.astype(np.float32), U, LATENT_DIMENSION, options, mode).loss, 0.0
     seconds = time.perf_counter() - started
-    error = _squared_error(u, decoder(encoder(u @ basis)) @ basis.T)
-    return {"mean_squared_error_m2": error, "seconds": seconds}
+    return {"mean_squared_error_m2": ((loss + missed) / u.shape[1]).tolist(), "seconds": seconds}
 
 
-def _squared_error(u: Array, decoded: Array) -> float:
-    return float(np.square(decoded - u).mean())
-
-
-def _drawn(errors: dict[str, float], linear: dict[int, float]) -> Figure:
-    figure, ax = new_axes("", "mean squared error, m²", height=3.2)
-    bars = {**{NAMES[name]: (value, PALETTE["latent"]) for name, value in errors.items()}}
-    bars |= {f"PCA-{k}": (value, PALETTE["linear"]) for k, value in linear.items()}
-    for place, (value, colour) in enumerate(bars.values()):
-        ax.bar(place, value, color=colour, width=0.6)
-    ax.set_xticks(range(len(bars)), [name.replace(", ", ",\n") for name in bars], fontsize=7)
+def _drawn(rows: Mapping[str, Any], linear: Mapping[int, float]) -> Figure:
+    figure, ax = new_axes("epoch", "mean squared error, m²", height=3.4)
+    for name, row in rows.items():
+        colour, line = LOOKS[name]
+        curve = np.array(row["mean_squared_error_m2"])
+        shown = np.unique(np.geomspace(1, len(curve), 200).astype(int))
+        ax.plot(shown, curve[shown - 1], color=PALETTE[colour], ls=line, lw=1.4, label=NAMES[name])
+    for k, value in linear.items():
+        ax.axhline(value, color=PALETTE["full"], lw=1, ls=(0, (4, 2)))
+        ax.annotate(f"PCA-{k}", (1, value), (2, 3), textcoords="offset points", fontsize=8, color=PALETTE["full"])
+    log_scale(ax, "x")
     log_scale(ax, "y")
+    legend(ax)
     return figure
 
 
@@ -94,16 +115,21 @@ def mode_relations(
     others = [name for name in errors if name != "pca_space"]
     return (
         Relation(
-            "worst mode over PCA with the same dimension", max(errors.values()) / linear[MODES_BESIDE[0]], "<= 0.1"
+            "worst mode over PCA with the same dimension",
+            max(errors.values()) / linear[MODES_BESIDE[0]],
+            "<= 0.1",
+            paper=8.8e-7 / 7.9e-6,
         ),
         Relation(
             "error of the loss in PCA coordinates over the best in full space",
             errors["pca_space"] / min(errors[name] for name in others),
             "<= 1",
+            paper=4.1e-7 / 5.6e-7,
         ),
         Relation(
             "training time, fastest full-space loss over the loss in PCA coordinates",
             min(seconds[name] for name in others) / seconds["pca_space"],
             ">= 2",
+            paper=456 / 195,
         ),
     )

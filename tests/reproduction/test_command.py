@@ -52,7 +52,7 @@ def made_up(value: float) -> Experiment:
         kept = bench.remembered("a number", lambda: {"value": value})
         return Outcome(FIGURE, {"kept": kept, "wild": [float("nan")]}, (Relation("the number", kept["value"], "< 1"),))
 
-    return Experiment("nothing", run)
+    return Experiment("nothing", run, "nothing either")
 
 
 @pytest.mark.usefixtures("tiny")
@@ -61,7 +61,7 @@ def test_an_experiment_leaves_a_picture_a_record_and_a_verdict(name: str, tmp_pa
     result = invoke(name, "--quick", runs=tmp_path)
     assert result.exit_code == 0, result.output
     folder = tmp_path / "paper" / f"{name}-quick"
-    assert (folder / f"{name}.svg").read_text("utf-8").startswith("<svg")
+    assert (folder / f"paper_{name}.svg").read_text("utf-8").startswith("<svg")
     record = json.loads((folder / f"{name}.json").read_text("utf-8"))
     assert record["experiment"] == name
     assert record["passed"] == all(relation["holds"] for relation in record["relations"])

@@ -7,11 +7,11 @@ import math
 import pytest
 
 from ldsim.optimise.solution import Reason, Solution
-from reproduction.paper.convergence import convergence_relations
+from reproduction.paper.convergence import Stopped, convergence_relations, stopped
 from reproduction.paper.experiment import Relation
 from reproduction.paper.sizes import _share_of_gain, grid_relations
 from reproduction.paper.timing import table_relations
-from reproduction.paper.training_modes import mode_relations
+from reproduction.paper.training_modes import mode_relations, settled
 
 # Figure 7 of the paper, raw, largest error in mm data of its authors, r 3 at every k "about 43".
 PAPER_GRID = {6: {3: 43.0, 6: 34.7}, 10: {3: 43.0, 6: 18.8, 10: 16.1}, 20: {3: 43.0, 6: 15.4, 10: 11.8}}
@@ -43,15 +43,34 @@ def test_a_number_that_is_not_finite_is_null_in_the_record() -> None:
     assert Relation("some claim", math.inf, "< 1").record()["value"] is None
 
 
-def solve(iterations: int, value: float) -> Solution:
-    return Solution(value, 0.0, iterations, iterations, Reason.CONVERGED)
+# Figure 9 of the paper: iterations, evaluations and seconds.
+PAPER_STOPS = {
+    "latent": Stopped(46, 52, 0.563),
+    "linear": Stopped(90, 109, 0.961),
+    "full": Stopped(216, 611, 4.376),
+}
 
 
 def test_the_papers_iterations_are_ordered_and_its_decoder_misses_the_floor() -> None:
-    paper = {"latent": solve(46, 4.3e-8), "linear": solve(90, 1e-12), "full": solve(216, 2e-12)}
-    assert verdicts(convergence_relations(paper)) == [True, True, False]
-    better = paper | {"latent": solve(100, 1e-13)}
-    assert verdicts(convergence_relations(better)) == [False, True, True]
+    assert verdicts(convergence_relations(PAPER_STOPS, 4.3e-8)) == [True, True, True, False]
+    slower = PAPER_STOPS | {"latent": Stopped(100, 110, 1.0)}
+    assert verdicts(convergence_relations(slower, 1e-13)) == [False, True, False, True]
+
+
+def test_a_space_that_does_not_come_to_the_stop_holds_nothing() -> None:
+    never = PAPER_STOPS | {"latent": Stopped(math.nan, math.nan, math.nan)}
+    assert verdicts(convergence_relations(never, 1e-13)) == [False, True, False, True]
+
+
+@pytest.mark.parametrize("needed", [1, 2, 7, 20])
+def test_the_stop_is_found_at_its_very_iteration(needed: int) -> None:
+    def solve(most: int) -> Solution:
+        done = min(most, 20)
+        return Solution(1.0 if done < needed else 1e-7, 0.0, done, 2 * done, Reason.ITERATIONS_SPENT)
+
+    found = stopped(solve, 1e-6, 20)
+    assert (found.iterations, found.evaluations) == (needed, 2 * needed)
+    assert math.isnan(stopped(solve, 1e-9, 20).iterations)
 
 
 def test_the_papers_grid_falls_in_r_and_in_k() -> None:
@@ -95,3 +114,7 @@ def test_the_papers_modes_keep_what_they_say_but_for_the_random_start() -> None:
     assert mode_relations(errors | {"random": 7e-7}, seconds, pca)[0].holds
     assert not mode_relations(errors | {"pca_space": 6e-7}, seconds, pca)[1].holds
     assert not mode_relations(errors, seconds | {"pca_frozen": 200.0}, pca)[2].holds
+
+
+def test_the_error_that_a_training_ends_with_is_not_that_of_a_lucky_epoch() -> None:
+    assert settled([*range(100, 5, -1), 5.0, 5.0, 0.1, 5.0, 9.0]) == 5.0
