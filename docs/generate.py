@@ -32,6 +32,7 @@ from ldsim.simulator import Handle, Outcome, StepRecord
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from reproduction.pages import PAGES, filled  # noqa: E402 reproduction is not installed
+from reproduction.paper.page import paper_page  # noqa: E402
 
 HERE = Path(__file__).parent / "reference"
 LIVE = HERE.parent / "live" / "demo.html"
@@ -164,6 +165,7 @@ def pages() -> dict[Path, str]:
         HERE / "report.md": report_page(),
         HERE / "python.md": python_page(),
         HERE.parent / "gallery.md": gallery_page(),
+        HERE.parent / "paper.md": MADE.format(source="reproduction/results/paper/") + paper_page(),
         LIVE: live_page(),
     }
 
