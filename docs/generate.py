@@ -73,7 +73,7 @@ same everywhere. A dataset that is neither marked optional nor has a `*` in its 
 The first 512 bytes, HDF5's user block, hold the size and the SHA-256 of the rest. Reading a file checks this sum before
 anything else, then its kind, its schema version, and the type, the shape and the values of every dataset; data that lie
 in another file, links, and filters are refused. Whoever changes an artefact on purpose writes its sum anew with
-`ldsim.artefacts.opening.seal`.
+`ldsim.artefacts.sealed_file.seal`.
 
 Degrees of freedom are vertex-major: x₀, y₀, z₀, x₁, … All units are SI. A `reason` is one of
 {", ".join(f"{reason.value} ({reason.words})" for reason in Reason)}.

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldsim.artefacts.opening import seal
+from ldsim.artefacts.sealed_file import seal
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import h5py
 
-from ldsim.artefacts.opening import BLOCK, seal
+from ldsim.artefacts.sealed_file import BLOCK, seal
 from ldsim.errors import ArtefactError
 
 

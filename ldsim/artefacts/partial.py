@@ -17,7 +17,7 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.atomic import creating, replacing, writing
-from ldsim.artefacts.opening import opened
+from ldsim.artefacts.sealed_file import opened
 from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError

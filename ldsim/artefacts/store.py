@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Indices
 from ldsim.artefacts.atomic import creating
-from ldsim.artefacts.opening import check_size, datasets, opened
 from ldsim.artefacts.schema import ANY, SCHEMA_VERSION, SCHEMAS, SHARED, Dataset, index
+from ldsim.artefacts.sealed_file import check_size, datasets, opened
 from ldsim.errors import ArtefactError
 
 STAGE_OF = {

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating
-from ldsim.artefacts.opening import check_size, datasets, opened
+from ldsim.artefacts.sealed_file import check_size, datasets, opened
 from ldsim.errors import ArtefactError
 
 Arrays = Mapping[str, NDArray[np.generic]]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.artefacts.store import read_header, reading
 from ldsim.cli.app import printable
 from ldsim.report.overview import told

@@ -13,8 +13,8 @@ from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.scene import properties_of, with_properties
 from ldsim.optimise.solution import failures
+from ldsim.pipeline.choice_of_space import chosen_space, judging, standings
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion
-from ldsim.pipeline.frontier import chosen_space, judging, standings
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.statement import about, bound, fresh_errors, sentence

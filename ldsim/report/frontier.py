@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ldsim.pipeline.frontier import NEARLY, Standing, judging, standings
+from ldsim.pipeline.choice_of_space import NEARLY, Standing, judging, standings
 from ldsim.report.figure import MARKERS, Axis, Figure, Series
 from ldsim.report.runs import runs
 from ldsim.report.schema import ROLE_NAMES, ROLES

@@ -14,9 +14,9 @@ from ldsim.arrays import Array
 from ldsim.artefacts.store import STAGE_OF, WRITTEN_BY
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.trajectory import Trajectory
+from ldsim.pipeline.choice_of_space import equal_error
 from ldsim.pipeline.comparison import stretch
 from ldsim.pipeline.convergence import read_rounds
-from ldsim.pipeline.frontier import equal_error
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.statement import about, bound, sentence
 from ldsim.report import schema

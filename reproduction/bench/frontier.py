@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldsim.errors import SettingsError
-from ldsim.pipeline.frontier import Standing, equal_error
+from ldsim.pipeline.choice_of_space import Standing, equal_error
 from ldsim.report.frontier import dimension, on_role, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg

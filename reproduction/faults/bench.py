@@ -14,7 +14,7 @@ from unittest.mock import patch
 import h5py
 from click.testing import Result
 
-from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.settings import STAGES
 from reproduction.faults.alone import FAULTS, Trial, alone, invoke, outcome

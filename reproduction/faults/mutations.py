@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ldsim.artefacts.opening import BLOCK, datasets, seal
+from ldsim.artefacts.sealed_file import BLOCK, datasets, seal
 
 Rng = np.random.Generator
 NASTY = (

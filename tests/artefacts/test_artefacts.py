@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts import atomic, partial, store
-from ldsim.artefacts.opening import datasets
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.artefacts.store import Header, file_hash
 from ldsim.errors import ArtefactError
 from ldsim.run import Run

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.artefacts.store import file_hash
 from tests.cli.experiments import TINY, Experiment, change, refusal
 from tests.helpers import changed

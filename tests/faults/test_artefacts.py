@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from ldsim.artefacts.opening import datasets
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import ArtefactError, LdsimError, SettingsError
 from ldsim.learn.options import TrainOptions

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.pipeline.frontier import Standing
+from ldsim.pipeline.choice_of_space import Standing
 from ldsim.report.frontier import on_role
 from ldsim.run import Run
 from reproduction.bench import frontier

@@ -7,7 +7,7 @@ import pytest
 
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.optimise.solution import Reason
-from ldsim.pipeline.frontier import Standing, chosen_space, equal_error, judging, standings
+from ldsim.pipeline.choice_of_space import Standing, chosen_space, equal_error, judging, standings
 
 ROLES = {"a": "train", "b": "validation", "c": "validation", "d": "test"}
 
