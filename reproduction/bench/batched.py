@@ -1,7 +1,7 @@
 """Steps a second against the number of instances.
 
-All instances of a finished run's latent model, or of its linear one where that is condensed, step together, each pulled
-at a vertex, in a direction and with a stiffness of its own: on a CPU, in double precision by one thread and by one a
+All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
+stiffness of its own: on a CPU, in double precision by one thread and by one a
 core, and in single precision, and where there is one on a GPU. Beside them the serial stepper, which takes the same
 steps one instance after another. `--quick` takes three sizes. The results are written after each size.
 """
@@ -151,8 +151,7 @@ def main() -> None:
     arguments.add_argument("--quick", action="store_true", help="three sizes")
     given = arguments.parse_args()
     with Run.open(given.run) as run, one_thread():
-        space = run.space("latent")
-        measure(given.run.name, run.space("linear") if space.is_condensed else space, QUICK if given.quick else SIZES)
+        measure(given.run.name, run.space("latent"), QUICK if given.quick else SIZES)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ldsim.dynamics.batched.stepper import BatchedStepper
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
@@ -194,11 +193,6 @@ def test_what_has_no_condensed_space_is_refused_by_name(
         assert again.invoke("pca").exit_code == 0
     result = again.invoke("train")
     assert result.exit_code == 1 and said in result.output and "Traceback" not in result.output
-
-
-def test_it_is_not_stepped_in_batches(condensed: Experiment) -> None:
-    with Run(condensed.run) as run, pytest.raises(SolverError, match="not stepped in batches"):
-        BatchedStepper(run.space("latent"))
 
 
 def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None:

@@ -18,6 +18,7 @@ from torch import Tensor
 from ldsim.arrays import Array
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import Material, twins
+from ldsim.dynamics.batched.warped import BatchedSeries
 from ldsim.dynamics.reduced.matrices import reduced_mass
 from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.space.space import Space
@@ -29,7 +30,8 @@ class BatchedLoads(NamedTuple):
     B (n, g, 3, k) and centre (n, g, 3), m: the centroid of what a grab holds is centre + B q. target (n, g, 3), m.
     stiffness (n, g), N/m; zero for no grab. gravity (n, 3), m/s². mu, lam (n,): factors of the scene's Lamé parameters;
     the same factor in both scales Young's modulus. a (n, l): where moved pins are (`space.lifting`); change (n, l):
-    aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in.
+    aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in. series: of a condensed space, whose B and centre the step fills in too,
+    what else it knows of the grabs.
     """
 
     B: Tensor
@@ -41,10 +43,17 @@ class BatchedLoads(NamedTuple):
     lam: Tensor
     a: Tensor
     change: Tensor
+    series: BatchedSeries | None = None
 
     def of(self, instances: Tensor | slice) -> BatchedLoads:
         """Those of some instances."""
-        return BatchedLoads(*(values[instances] for values in self))
+        series = None if self.series is None else self.series.of_instances(instances)
+        return BatchedLoads._make([*(values[instances] for values in self.tensors), series])
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        """All but the series."""
+        return tuple(self[:-1])
 
 
 class Part(NamedTuple):

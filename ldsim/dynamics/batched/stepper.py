@@ -15,8 +15,9 @@ from ldsim.arrays import Array, Indices
 from ldsim.dynamics.batched.compiled import CompiledSteps
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
+from ldsim.dynamics.batched.warped import BatchedSeries, pulled
 from ldsim.dynamics.reduced.options import ReducedOptions
-from ldsim.dynamics.reduced.state import ReducedState, numbers_of_a_state
+from ldsim.dynamics.reduced.state import AT_REST, ReducedState, numbers_of_a_state
 from ldsim.errors import SolverError
 from ldsim.mechanics.loads import Loads
 from ldsim.optimise.solution import Reason
@@ -41,6 +42,7 @@ class BatchedState:
         a, a_previous: where moved pins were in the last two frames, (n, l) (`space.lifting`).
         kept: the numbers of `ReducedState` of the last step, (n, ·), of which a compiled one takes over what makes it
             short: where to start and an inverse Hessian. Zeros where there was none, empty where none is compiled.
+        loads: what acted in the step that led here, where the space is condensed: it moves more than the coordinates.
     """
 
     z: Tensor
@@ -50,10 +52,12 @@ class BatchedState:
     a: Tensor
     a_previous: Tensor
     kept: Tensor
+    loads: BatchedLoads | None = None
 
     def of(self, instances: Tensor | slice) -> BatchedState:
         """The state of some instances."""
-        return BatchedState(*(getattr(self, entry.name)[instances] for entry in fields(self)))
+        tensors = {name: getattr(self, name)[instances] for name in (*FRAMES, "kept")}
+        return BatchedState(**tensors, loads=None if self.loads is None else self.loads.of(instances))
 
     def serial(self, instance: int) -> ReducedState:
         """One instance, for `ReducedStepper`."""
@@ -78,7 +82,8 @@ class BatchedStepper:
     precision its compiled steps are taken too, by as many threads as torch may use; elsewhere the minimiser is Newton's
     method with the exact Hessian on tensors. All agree to the tolerance. Gradients flow from the new state to the
     previous one, and to targets, stiffness, gravity and moduli: by the implicit function theorem, dz = −H⁻¹ ∂(∇E), so
-    a step backwards costs one solve with the r × r Hessian, not the iterations.
+    a step backwards costs one solve with the r × r Hessian, not the iterations. A condensed space, whose compliance is
+    that of Young's modulus, takes the same factor in both moduli.
 
     Args:
         tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N. Single precision does not reach the default; 1e-3 is a
@@ -102,8 +107,6 @@ class BatchedStepper:
     ) -> None:
         if dtype not in DTYPES:
             raise SolverError(f"batched stepping in {dtype}; allowed are torch.float64 and torch.float32")
-        if space.is_condensed:
-            raise SolverError("a condensed space is not stepped in batches; take the linear space, or one at a time")
         if torch.device(device).type == "cuda" and not torch.cuda.is_available():
             raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
         self.device, self.dtype = torch.device(device), dtype
@@ -127,7 +130,7 @@ class BatchedStepper:
         """n instances at rest."""
         sizes = (self.model.decoder.r, self.model.decoder.k, self._lifting.count)
         z, q, a = (self.tensor(np.zeros((n, size))) for size in sizes)
-        return BatchedState(z, z, q, q, a, a, self._nothing_kept(n))
+        return BatchedState(z, z, q, q, a, a, self._nothing_kept(n), self._beside([AT_REST] * n))
 
     def _nothing_kept(self, n: int) -> Tensor:
         count = 0 if self._compiled is None else numbers_of_a_state(self.model.decoder.r, self.model.decoder.k)
@@ -141,7 +144,12 @@ class BatchedStepper:
             return self.tensor(np.array([still if (own := getattr(s, name)) is None else own for s in states]))
 
         frames = {name: batch(name) for name in FRAMES}
-        return BatchedState(**frames, kept=self._nothing_kept(len(states)))
+        kept, loads = self._nothing_kept(len(states)), self._beside([each.loads for each in states])
+        return BatchedState(**frames, kept=kept, loads=loads)
+
+    def _beside(self, loads: Sequence[Loads]) -> BatchedLoads | None:
+        """What a state says of its loads: nothing where they move no more than the coordinates."""
+        return self.loads(loads) if self.space.is_condensed else None
 
     def loads(self, loads: Sequence[Loads]) -> BatchedLoads:
         """What acts on one instance for each entry, with the scene's material.
@@ -169,8 +177,12 @@ class BatchedStepper:
         ones = self.tensor(np.ones(n))
         springs = [self.tensor(values) for values in (B, centre, target, stiffness)]
         own = [self._gravity if each.gravity is None else self.tensor(each.gravity) for each in loads]
+        gravity = torch.stack(own) if own else self.tensor(np.zeros((0, 3)))
         pins = self.tensor(a)
-        return BatchedLoads._make((*springs, torch.stack(own), ones, ones, pins, torch.zeros_like(pins)))
+        series = None
+        if self.space.is_condensed:
+            series = BatchedSeries.of(self.space, [each.grabs for each in loads], self.tensor)
+        return BatchedLoads._make([*springs, gravity, ones, ones, pins, torch.zeros_like(pins), series])
 
     def step(self, state: BatchedState, loads: BatchedLoads) -> tuple[BatchedState, BatchedSolution]:
         """Advance every instance by one time step; the given state is unchanged.
@@ -179,27 +191,58 @@ class BatchedStepper:
         lets no gradient through; the others do not notice.
 
         Raises:
-            SolverError: the loads are of another number of instances than the state.
+            SolverError: the loads are of another number of instances than the state, or those of a condensed space have
+                other factors in μ than in λ.
         """
         n = len(state.z)
-        if counts := {each.shape[0] for each in loads} - {n}:
+        if counts := {each.shape[0] for each in loads.tensors} - {n}:
             raise SolverError(f"loads of {counts.pop()} instances, a state of {n}; each instance has a row of its own")
         results: list[_Solved] = []
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
         before = _Before(state.z.detach(), state.z_previous.detach(), state.kept)
-        z = _Step.apply(self, results, before, predictor, *loads)  # type: ignore[no-untyped-call]
+        acting = self._in_series(loads, state.q).tensors
+        z = _Step.apply(self, results, before, predictor, *acting)  # type: ignore[no-untyped-call]
         _, q, kept, record = results[0]
         if q is None or z.requires_grad:
             q = self.model.decoder(z)
         stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
-        return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept), record
+        beside = loads if self.space.is_condensed else None
+        return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept, beside), record
+
+    def _in_series(self, loads: BatchedLoads, q: Tensor) -> BatchedLoads:
+        """The loads of a step from q, (n, k), the springs of a condensed space made."""
+        if loads.series is None:
+            return loads
+        if not torch.equal(loads.mu, loads.lam):
+            raise SolverError("a condensed space has one factor for both moduli; mu and lam of the loads differ")
+        found = pulled(loads.series, loads.target, loads.stiffness, loads.gravity, 1 / loads.mu, q)
+        return loads._replace(
+            B=found.B, centre=found.centre, target=found.target, stiffness=torch.ones_like(loads.stiffness)
+        )
 
     def displacement(self, state: BatchedState, vertices: Indices) -> Tensor:
-        """u = U q + L a of some vertices, (n, v, 3), metres; differentiable."""
+        """u = U q + L a of some vertices, (n, v, 3), metres, and what loads move beside it; differentiable."""
         fields = self.tensor(self.space.fields[vertices])
-        return torch.einsum("vik,nk->nvi", fields, torch.cat([state.q, state.a], dim=1))
+        u = torch.einsum("vik,nk->nvi", fields, torch.cat([state.q, state.a], dim=1))
+        return u if state.loads is None else u + self._residual(state.q, state.loads, vertices)
+
+    def _residual(self, q: Tensor, loads: BatchedLoads, vertices: Indices) -> Tensor:
+        """What gravity and grabs move beside the coordinates of a condensed space, (n, v, 3) metres."""
+        compliance, series, softness = self.space.compliance, loads.series, 1 / loads.mu
+        assert compliance is not None and series is not None
+        dead = compliance.sag(np.zeros(3))
+        weight = np.stack([compliance.sag(axis) - dead for axis in np.eye(3)], axis=2)[vertices]
+        sag = torch.einsum("via,na->nvi", self.tensor(weight), loads.gravity) + self.tensor(dead[vertices])
+        found = pulled(series, loads.target, loads.stiffness, loads.gravity, softness, q)
+        u = softness[:, None, None] * sag
+        for number, held in enumerate(series.held):
+            dents = self.tensor(compliance.fields(held)[vertices])  # unit forces, and where they are there their pairs
+            soft = torch.cat([softness[:, None].expand(-1, 3), softness[:, None].square().expand(-1, 6)], dim=1)
+            amounts = ((soft[:, None] * found.amounts) * (series.which == number)[..., None])[..., : dents.shape[2]]
+            u = u + torch.einsum("vaj,ngj,ngia->nvi", dents, amounts, found.warps)
+        return u
 
     def _pieces(self, n: int) -> list[slice]:
         """n instances in pieces that the memory serves best."""
@@ -258,7 +301,7 @@ class _Step(torch.autograd.Function):
         predictor: Tensor,
         *loads: Tensor,
     ) -> Tensor:
-        results.append(stepper.solve(before, predictor, BatchedLoads(*loads)))
+        results.append(stepper.solve(before, predictor, BatchedLoads._make([*loads, None])))
         solved, _, _, record = results[0]
         ctx.stepper = stepper
         ctx.save_for_backward(solved, record.reason == int(Reason.INFINITE_START), predictor, *loads)
@@ -272,12 +315,12 @@ class _Step(torch.autograd.Function):
         wanted = ctx.needs_input_grad[3:]
         if not any(wanted):
             return (None,) * (3 + len(saved))
-        predictor, loads = saved[0], BatchedLoads(*saved[1:])
+        predictor, loads = saved[0], BatchedLoads._make([*saved[1:], None])
         y = stepper.adjoint(z, predictor, loads, gradient)
         y = torch.where(lost[:, None], 0.0, y)
         with torch.enable_grad():
             inputs = [value.detach().requires_grad_(need) for value, need in zip(saved, wanted, strict=True)]
             q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
-            work = stepper.model.virtual_work(BatchedLoads(*inputs[1:]), inputs[0], q, y)
+            work = stepper.model.virtual_work(BatchedLoads._make([*inputs[1:], None]), inputs[0], q, y)
             found = iter(torch.autograd.grad(-work, [value for value in inputs if value.requires_grad]))
         return (None, None, None, *(next(found) if need else None for need in wanted))

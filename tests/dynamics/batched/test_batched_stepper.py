@@ -14,7 +14,6 @@ from torch import Tensor
 
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
-from ldsim.dynamics.batched import stepper as batched_stepper
 from ldsim.dynamics.batched.newton import newton_direction
 from ldsim.dynamics.batched.stepper import FRAMES
 from ldsim.dynamics.reduced.state import ReducedState
@@ -37,12 +36,7 @@ Array = NDArray[np.float64]
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 
 
-@pytest.fixture(autouse=True, params=["compiled", "on tensors"])
-def steps(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A processor takes the compiled steps; those on tensors, a graphics card's, have to be the same."""
-    if request.param == "on tensors":
-        monkeypatch.setattr(batched_stepper, "is_compiled", lambda device, dtype: False)
-
+pytestmark = pytest.mark.usefixtures("steps")
 
 DECODERS = {"linear": Decoder.identity(K), "elu": curved(), "tanh": curved("tanh"), "sigmoid": curved("sigmoid")}
 

@@ -1,0 +1,175 @@
+"""Batches of a condensed space: against the serial stepper, and gradients through its grabs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from ldsim.arrays import Indices
+from ldsim.dynamics.batched import BatchedStepper
+from ldsim.dynamics.batched.warped import warps
+from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.errors import SolverError
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
+from ldsim.space.compliance import LEAST_STRETCH, warp
+from ldsim.space.space import Space
+from tests.dynamics.batched.solids import march
+from tests.runtime.problems import condensed, with_linear_dents
+
+pytestmark = pytest.mark.usefixtures("steps")
+
+SPACES = {"bent dents": condensed, "linear dents": lambda: with_linear_dents("neo_hookean")}
+
+
+@cache
+def space(kind: str) -> Space:
+    return SPACES[kind]()
+
+
+def tip(some: Space) -> Indices:
+    return np.argsort(-some.scene.mesh.vertices[:, 0])[:4]
+
+
+def drawn(some: Space) -> Indices:
+    return np.flatnonzero(~some.scene.pinned)[-9:]
+
+
+def held(some: Space, vertices: Indices, way: tuple[float, float, float], stiffness: float) -> Grab:
+    return Grab(vertices, some.scene.mesh.vertices[vertices].mean(axis=0) + way, stiffness)
+
+
+def acting(some: Space) -> list[Loads]:
+    """A pull, two, none under another gravity, and a hard one under a third."""
+    end, other = tip(some), np.arange(30, 34)
+    hard = held(some, other, (0.02, 0.02, 0.02), 500.0)
+    return [
+        Loads((held(some, end, (0.05, 0.06, -0.03), 30.0),)),
+        Loads((held(some, end, (0.02, -0.06, 0.03), 80.0), held(some, other, (0.0, 0.02, 0.02), 50.0))),
+        Loads((), np.array([0.0, 4.0, -2.0])),
+        Loads((hard,), np.array([3.0, 0.0, -9.0])),
+    ]
+
+
+def serial(some: Space) -> ReducedStepper:
+    return ReducedStepper(some, ReducedOptions(tolerance=1e-10, max_iterations=500))
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_frames_of_different_grabs_and_their_dents_are_those_of_the_serial_stepper(kind: str) -> None:
+    loads, alone = acting(space(kind)), serial(space(kind))
+    stepper = BatchedStepper(space(kind), tolerance=1e-10, piece=3)
+    state = march(stepper, stepper.loads(loads), 12)
+    u = stepper.displacement(state, np.arange(space(kind).scene.mesh.n_vertices)).numpy()
+    for i, own in enumerate(loads):
+        expected = alone.rest()
+        for _ in range(12):
+            expected, _ = alone.step(expected, own)
+        np.testing.assert_allclose(state.q[i], expected.q, atol=1e-11)
+        np.testing.assert_allclose(u[i], alone.displacement(expected), atol=1e-11)
+        again = stepper.state([expected])
+        np.testing.assert_allclose(
+            stepper.displacement(again, drawn(space(kind)))[0], u[i, drawn(space(kind))], atol=1e-11
+        )
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_at_rest_it_is_where_its_weight_has_it(kind: str) -> None:
+    stepper, alone = BatchedStepper(space(kind)), serial(space(kind))
+    vertices = drawn(space(kind))
+    u = stepper.displacement(stepper.rest(2), vertices)
+    np.testing.assert_allclose(u, np.stack([alone.displacement(alone.rest())[vertices]] * 2), atol=1e-15)
+    assert float(u.abs().max()) > 0
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_a_softer_solid_is_that_of_the_stiffened_stepper(kind: str) -> None:
+    own, stepper = acting(space(kind))[0], BatchedStepper(space(kind), tolerance=1e-10)
+    loads = stepper.loads([own])
+    state = march(stepper, loads._replace(mu=0.7 * loads.mu, lam=0.7 * loads.lam), 8)
+    softer = serial(space(kind)).stiffened(0.7)
+    expected = softer.rest()
+    for _ in range(8):
+        expected, _ = softer.step(expected, own)
+    np.testing.assert_allclose(state.q[0], expected.q, atol=1e-11)
+    np.testing.assert_allclose(
+        stepper.displacement(state, np.arange(9))[0], softer.displacement(expected)[:9], atol=1e-11
+    )
+
+
+def test_a_grab_of_no_stiffness_is_none() -> None:
+    some = space("bent dents")
+    pulls, stepper = acting(some)[1], BatchedStepper(some, tolerance=1e-10)
+    two, one = stepper.loads([pulls]), stepper.loads([Loads(pulls.grabs[:1])])
+    let_go = two._replace(stiffness=two.stiffness * stepper.tensor([[1.0, 0.0]]))
+    found, expected = march(stepper, let_go, 8), march(stepper, one, 8)
+    np.testing.assert_allclose(found.q, expected.q, atol=1e-11)
+    vertices = drawn(some)
+    np.testing.assert_allclose(
+        stepper.displacement(found, vertices), stepper.displacement(expected, vertices), atol=1e-11
+    )
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_gradients_through_three_steps_are_finite_differences(kind: str) -> None:
+    some = space(kind)
+    stepper = BatchedStepper(some, tolerance=1e-12)
+    base = stepper.loads(acting(some)[1:3])
+    start = march(BatchedStepper(some), base, 2)
+
+    def loss(q: Tensor, q_previous: Tensor, target: Tensor, stiffness: Tensor, gravity: Tensor, mu: Tensor) -> Tensor:
+        loads = base._replace(target=target, stiffness=stiffness, gravity=gravity, mu=mu, lam=mu)
+        state = replace(start, q=q, q_previous=q_previous)
+        for _ in range(3):
+            state, solution = stepper.step(state, loads)
+            assert solution.converged.all()
+        return (state.z**2).sum() + state.q.sum() + stepper.displacement(state, np.array([5, *tip(some)])).sum()
+
+    inputs = (start.q, start.q_previous, base.target, base.stiffness, base.gravity, base.mu)
+    inputs = tuple(value.clone().requires_grad_() for value in inputs)
+    # a grab that is not there has no slope in its stiffness from below
+    inputs = (*inputs[:3], (base.stiffness + (base.stiffness == 0)).requires_grad_(), *inputs[4:])
+    assert torch.autograd.gradcheck(loss, inputs, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True)
+
+
+def some_gradient(stretches: tuple[float, float, float]) -> Tensor:
+    P, Q = np.linalg.qr(np.random.default_rng(3).normal(size=(2, 3, 3)))[0]
+    P, Q = P * np.sign(np.linalg.det(P)), Q * np.sign(np.linalg.det(Q))
+    return torch.tensor(P @ np.diag(stretches) @ Q)[None]
+
+
+@pytest.mark.parametrize(
+    "stretches", [(1.3, 1.1, 0.8), (1.2, 1.2, 0.9), (1.0, 1.0, 1.0), (1.4, 0.9, LEAST_STRETCH / 2), (1.2, 0.9, -0.1)]
+)
+def test_a_warp_is_that_of_the_serial_one_and_its_slope_that_of_differences(
+    stretches: tuple[float, float, float],
+) -> None:
+    F = some_gradient(stretches)
+    if min(stretches) > 0:
+        np.testing.assert_allclose(warps(F)[0][0], warp(F[0].numpy()), atol=1e-12)
+        np.testing.assert_allclose(torch.linalg.det(warps(F)[1]), 1.0, atol=1e-12)
+    function: Callable[[Tensor], tuple[Tensor, ...]] = warps
+    assert torch.autograd.gradcheck(function, (F.requires_grad_(),), eps=1e-6, atol=1e-6)
+
+
+def test_single_precision_follows_double_precision() -> None:
+    some = space("bent dents")
+    fine, coarse = BatchedStepper(some), BatchedStepper(some, dtype=torch.float32, tolerance=1e-4)
+    expected, found = march(fine, fine.loads(acting(some)), 8), coarse.rest(4)
+    for _ in range(8):
+        found, _ = coarse.step(found, coarse.loads(acting(some)))
+    np.testing.assert_allclose(found.q, expected.q, atol=1e-3 * float(expected.q.abs().max()))
+
+
+def test_other_factors_in_one_modulus_than_in_the_other_are_refused() -> None:
+    stepper = BatchedStepper(space("bent dents"))
+    loads = stepper.loads([Loads()])
+    with pytest.raises(SolverError, match="one factor for both moduli"):
+        stepper.step(stepper.rest(1), loads._replace(mu=2 * loads.mu))
