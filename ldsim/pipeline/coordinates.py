@@ -69,9 +69,9 @@ def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float] 
     return float(np.linalg.norm(found - u, axis=1).mean()), float(np.linalg.norm(u, axis=1).mean())
 
 
-def frames_of(run: Run) -> Iterator[tuple[Array, Loads]]:
-    """Frames of the training motions, (n, 3) metres, with what acts: where pulls end, or spread where they are few."""
-    names = run.snapshots.with_role("train")
+def frames_of(run: Run, role: str = "train") -> Iterator[tuple[Array, Loads]]:
+    """Frames of the motions of a role, (n, 3) metres, with what acts: where pulls end, or spread where they are few."""
+    names = run.snapshots.with_role(role)
     of_each = -(-FRAMES // len(names))
     for name in names:
         recorded, read = run.snapshots.recorded(name), run.snapshots.reader(name)

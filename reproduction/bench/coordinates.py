@@ -1,0 +1,69 @@
+"""What should the coordinates of a condensed space be: PCA of the training motions, or the solid's slowest modes?
+
+Of each, r columns are V: z = VᵀMu. How far the frames of a role are from the relaxed poses of their coordinates, with
+what loads move beside them, is what r coordinates lose however well the rest is learned (`pipeline.coordinates`). Needs
+a run with snapshots and basis; nothing is trained.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import eye_array, kron
+from scipy.sparse.linalg import eigsh
+
+from ldsim.jit import one_thread
+from ldsim.mechanics.scene import Scene
+from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.pipeline.coordinates import frames_of, slaving_error
+from ldsim.run import Run
+from ldsim.space.basis import Basis
+from ldsim.space.compliance import Compliance
+from reproduction.harness import Row, called, parser, row, show, write_results
+
+NAME = "coordinates"
+SIZES = (4, 8, 12, 16)
+ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "pipeline")]
+
+
+def modes(scene: Scene, count: int) -> Basis:
+    """The slowest modes of linear elasticity at rest, K φ = ω² M φ."""
+    pattern = StiffnessPattern(scene.points.nodes, scene.free, scene.mesh.n_vertices)
+    rest = np.zeros((scene.mesh.n_vertices, 3))
+    K = pattern.matrix(pattern.stiffness_blocks(scene.elements, rest, clamp=False))
+    M = kron(scene.mass[scene.free][:, scene.free], eye_array(3), format="csc")
+    start = np.random.default_rng(0).normal(size=K.shape[0])
+    squares, free = eigsh(K, count, M=M, sigma=0.0, v0=start)
+    columns = np.zeros((scene.mesh.n_vertices, 3, count))
+    columns[scene.free] = free[:, np.argsort(squares)].reshape(-1, 3, count)
+    return Basis.of(columns.reshape(-1, count), scene.mass)
+
+
+def measure(run: Run) -> list[Row]:
+    """The rows of one run."""
+    rows = list[Row]()
+    for kind, basis in {"PCA": run.basis, "modes": modes(run.scene, max(SIZES))}.items():
+        for r in SIZES:
+            compliance = Compliance(run.scene, basis.columns(r))
+            for role in ("train", "validation"):
+                error = slaving_error(compliance, frames_of(run, role))
+                rows.append(row(run.experiment, f"worst frame, {role}, {r} columns of {kind}", error))
+                print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("runs", nargs="+", type=Path, help="folders of runs with snapshots and basis")
+    rows = list[Row]()
+    with one_thread():
+        for folder in arguments.parse_args().runs:
+            with Run.open(folder) as run:
+                rows += measure(run)
+    show(rows)
+    write_results(NAME, called(NAME), rows, inputs=ROOMS)
+
+
+if __name__ == "__main__":
+    main()
