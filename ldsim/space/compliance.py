@@ -144,12 +144,18 @@ class Compliance:
 
     def sag(self, gravity: Array | None = None) -> Array:
         """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out."""
+        dead, weight = self.sags
+        return dead + weight @ (self.scene.gravity if gravity is None else gravity)
+
+    @property
+    def sags(self) -> tuple[Array, Array]:
+        """What dead loads move, (n, 3) metres, and unit gravity along each axis, (n, 3, 3) s²."""
         if self._sags is None:
             dead = self.scene.force(np.zeros(3))
             weights = self.relaxation.residual(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
             fields = self.relaxation.residual(dead), weights.transpose(1, 2, 0)
             self._sags = self._softness * fields[0], self._softness * fields[1]
-        return self._sags[0] + self._sags[1] @ (self.scene.gravity if gravity is None else gravity)
+        return self._sags
 
     def between(self, held: Sequence[Indices]) -> Array:
         """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N."""

@@ -18,10 +18,15 @@ from torch import Tensor
 from ldsim.arrays import Array
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import Material, twins
-from ldsim.dynamics.batched.warped import BatchedSeries
+from ldsim.dynamics.batched.warped import BatchedSeries, Pulled, pulled
 from ldsim.dynamics.reduced.matrices import reduced_mass
 from ldsim.dynamics.reduced.moving_pins import MovingPins
+from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.loads import Loads
 from ldsim.space.space import Space
+
+# Beyond it products are not finite.
+LARGEST = 1e50
 
 
 class BatchedLoads(NamedTuple):
@@ -31,7 +36,7 @@ class BatchedLoads(NamedTuple):
     stiffness (n, g), N/m; zero for no grab. gravity (n, 3), m/s². mu, lam (n,): factors of the scene's Lamé parameters;
     the same factor in both scales Young's modulus. a (n, l): where moved pins are (`space.lifting`); change (n, l):
     aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in. series: of a condensed space, whose B and centre the step fills in too,
-    what else it knows of the grabs.
+    what else it knows of the grabs; there a stiffness of zero has no slope.
     """
 
     B: Tensor
@@ -49,6 +54,35 @@ class BatchedLoads(NamedTuple):
         """Those of some instances."""
         series = None if self.series is None else self.series.of_instances(instances)
         return BatchedLoads._make([*(values[instances] for values in self.tensors), series])
+
+    def in_series(self, q: Tensor) -> Pulled:
+        """What the grabs of a condensed space do at q, (n, k).
+
+        An instance that has a number that is not finite gets springs that are not, so that its step is lost; the
+        others, and their gradients, do not notice.
+        """
+        assert self.series is not None
+        own = self.target.flatten(1), self.stiffness, self.gravity, self.mu[:, None], q
+        fine = torch.cat([each.detach().abs() < LARGEST for each in own], dim=1).all(1)
+
+        def kept(values: Tensor, other: float) -> Tensor:
+            return torch.where(fine.reshape(-1, *[1] * (values.dim() - 1)), values, other)
+
+        target, stiffness, gravity = (kept(each, 0.0) for each in (self.target, self.stiffness, self.gravity))
+        found = pulled(self.series, target, stiffness, gravity, 1 / kept(self.mu, 1.0), kept(q, 0.0))
+        return Pulled(*(kept(each, torch.nan) for each in found))
+
+    def serial(self, instance: int) -> Loads:
+        """What a condensed instance is held by and its gravity, for `ReducedStepper`; moduli are the stepper's."""
+        assert self.series is not None
+        which = self.series.which[instance].tolist()
+        target, stiffness, gravity = (
+            each[instance].detach().cpu().numpy().astype(np.float64)
+            for each in (self.target, self.stiffness, self.gravity)
+        )
+        pulling = [j for j, number in enumerate(which) if number >= 0 and stiffness[j] > 0]
+        grabs = tuple(Grab(self.series.held[which[j]], target[j], float(stiffness[j])) for j in pulling)
+        return Loads(grabs, gravity)
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:

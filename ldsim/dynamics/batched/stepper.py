@@ -15,7 +15,7 @@ from ldsim.arrays import Array, Indices
 from ldsim.dynamics.batched.compiled import CompiledSteps
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
-from ldsim.dynamics.batched.warped import BatchedSeries, pulled
+from ldsim.dynamics.batched.warped import BatchedSeries
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import AT_REST, ReducedState, numbers_of_a_state
 from ldsim.errors import SolverError
@@ -59,6 +59,14 @@ class BatchedState:
         tensors = {name: getattr(self, name)[instances] for name in (*FRAMES, "kept")}
         return BatchedState(**tensors, loads=None if self.loads is None else self.loads.of(instances))
 
+    def detached(self) -> BatchedState:
+        """The same, through which no gradient flows."""
+        tensors = {name: getattr(self, name).detach() for name in (*FRAMES, "kept")}
+        loads = self.loads
+        if loads is not None:
+            loads = BatchedLoads._make([*(each.detach() for each in loads.tensors), loads.series])
+        return BatchedState(**tensors, loads=loads)
+
     def serial(self, instance: int) -> ReducedState:
         """One instance, for `ReducedStepper`."""
         z, z_previous, q, q_previous, a, a_previous = (
@@ -67,6 +75,8 @@ class BatchedState:
         state = ReducedState.moving(z, z_previous, q, q_previous)
         if len(a):
             state.a, state.a_previous = a, a_previous
+        if self.loads is not None:
+            state.loads = self.loads.serial(instance)
         return state
 
 
@@ -188,7 +198,7 @@ class BatchedStepper:
         """Advance every instance by one time step; the given state is unchanged.
 
         An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
-        lets no gradient through; the others do not notice.
+        lets no gradient through; the others do not notice. In a condensed space nothing holds it any more.
 
         Raises:
             SolverError: the loads are of another number of instances than the state, or those of a condensed space have
@@ -208,16 +218,23 @@ class BatchedStepper:
             q = self.model.decoder(z)
         stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
-        beside = loads if self.space.is_condensed else None
+        beside = None
+        if self.space.is_condensed:
+            beside = loads._replace(
+                target=torch.where(stayed[:, :, None], 0.0, loads.target),
+                stiffness=torch.where(stayed, 0.0, loads.stiffness),
+                gravity=torch.where(stayed, self._gravity, loads.gravity),
+                mu=torch.where(stayed[:, 0], 1.0, loads.mu),
+            )
         return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept, beside), record
 
     def _in_series(self, loads: BatchedLoads, q: Tensor) -> BatchedLoads:
         """The loads of a step from q, (n, k), the springs of a condensed space made."""
         if loads.series is None:
             return loads
-        if not torch.equal(loads.mu, loads.lam):
+        if not torch.equal(loads.mu.nan_to_num(), loads.lam.nan_to_num()):
             raise SolverError("a condensed space has one factor for both moduli; mu and lam of the loads differ")
-        found = pulled(loads.series, loads.target, loads.stiffness, loads.gravity, 1 / loads.mu, q)
+        found = loads.in_series(q)
         return loads._replace(
             B=found.B, centre=found.centre, target=found.target, stiffness=torch.ones_like(loads.stiffness)
         )
@@ -232,21 +249,20 @@ class BatchedStepper:
         """What gravity and grabs move beside the coordinates of a condensed space, (n, v, 3) metres."""
         compliance, series, softness = self.space.compliance, loads.series, 1 / loads.mu
         assert compliance is not None and series is not None
-        dead = compliance.sag(np.zeros(3))
-        weight = np.stack([compliance.sag(axis) - dead for axis in np.eye(3)], axis=2)[vertices]
-        sag = torch.einsum("via,na->nvi", self.tensor(weight), loads.gravity) + self.tensor(dead[vertices])
-        found = pulled(series, loads.target, loads.stiffness, loads.gravity, softness, q)
-        u = softness[:, None, None] * sag
+        dead, weight = (self.tensor(field[vertices]) for field in compliance.sags)
+        u = softness[:, None, None] * (torch.einsum("via,na->nvi", weight, loads.gravity) + dead)
+        found = loads.in_series(q)
+        made = found.amounts()
         for number, held in enumerate(series.held):
             dents = self.tensor(compliance.fields(held)[vertices])  # unit forces, and where they are there their pairs
             soft = torch.cat([softness[:, None].expand(-1, 3), softness[:, None].square().expand(-1, 6)], dim=1)
-            amounts = ((soft[:, None] * found.amounts) * (series.which == number)[..., None])[..., : dents.shape[2]]
+            amounts = ((soft[:, None] * made) * (series.which == number)[..., None])[..., : dents.shape[2]]
             u = u + torch.einsum("vaj,ngj,ngia->nvi", dents, amounts, found.warps)
         return u
 
     def _pieces(self, n: int) -> list[slice]:
         """n instances in pieces that the memory serves best."""
-        return [slice(first, first + self.piece) for first in range(0, n, self.piece)]
+        return [slice(first, first + self.piece) for first in range(0, max(n, 1), self.piece)]
 
     def solve(self, before: _Before, predictor: Tensor, loads: BatchedLoads) -> _Solved:
         """The minimisers of one step."""

@@ -49,8 +49,7 @@ class BatchedSeries(NamedTuple):
         """Those of the grabs of each instance."""
         assert space.compliance is not None
         n, most, k = len(grabs), max((len(each) for each in grabs), default=0), space.decoder.k
-        rest, dead = space.scene.mesh.vertices, space.compliance.sag(np.zeros(3))
-        weight = np.stack([space.compliance.sag(axis) - dead for axis in np.eye(3)], axis=2)
+        rest, sags = space.scene.mesh.vertices, space.compliance.sags
         held: dict[int, Indices] = {}
         known: dict[tuple[int, ...], tuple[Array, ...]] = {}
         sizes = (3 * most, k), (3 * most,), (3 * most, 3 * most), (most, 3, 3, k), (most, space.r, 3, 3)
@@ -63,7 +62,7 @@ class BatchedSeries(NamedTuple):
             if own and key not in known:
                 series = InSeries.of(space, own, None)
                 centre = np.concatenate([rest[v].mean(axis=0) for v in vertices])
-                sunk = [np.concatenate([field[v].mean(axis=0) for v in vertices]) for field in (dead, weight)]
+                sunk = [np.concatenate([field[v].mean(axis=0) for v in vertices]) for field in sags]
                 laws = series.gradient, series.coupling, series.second, series.root
                 known[key] = series.B, centre, series.compliance, *laws, *sunk
             for array, values in zip(arrays, known[key] if own else (), strict=bool(own)):
@@ -71,7 +70,8 @@ class BatchedSeries(NamedTuple):
             for j, v in enumerate(vertices):
                 held.setdefault(id(v), v)
                 which[i, j] = list(held).index(id(v))
-        return cls._make([*map(tensor, arrays), torch.from_numpy(which), tuple(held.values())])
+        tensors = [tensor(array) for array in arrays]
+        return cls._make([*tensors, torch.as_tensor(which, device=tensors[0].device), tuple(held.values())])
 
     def of_instances(self, instances: Tensor | slice) -> BatchedSeries:
         """Those of some instances."""
@@ -79,14 +79,28 @@ class BatchedSeries(NamedTuple):
 
 
 class Pulled(NamedTuple):
-    """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3), and for
-    what is drawn the warps A (n, g, 3, 3) and how much of `Compliance.fields` each makes, (n, g, 9), N and N²."""
+    """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3).
+
+    And of each what its dent is made of: A (n, g, 3, 3), C^-½, D and N z as `Dent` has them, and Aᵀ f, (n, g, 3), N.
+    """
 
     B: Tensor
     centre: Tensor
     target: Tensor
     warps: Tensor
-    amounts: Tensor
+    root: Tensor
+    second: Tensor
+    coupled: Tensor
+    force: Tensor
+
+    def amounts(self) -> Tensor:
+        """How much of each of `Compliance.fields` they make, (n, g, 9), N and N²."""
+        force, root = self.force, self.root
+        single = force + torch.einsum("ngij,ngjk,ngkl,ngl->ngi", root, root, self.coupled, force)
+        at = _limit(root, torch.einsum("ngijk,ngk->ngij", self.second, force))[..., None] * force
+        pairs = at[..., :, None] * (force - 0.5 * at)[..., None, :]
+        both = [pairs[..., i, j] if i == j else pairs[..., i, j] + pairs[..., j, i] for i, j in PAIRS]
+        return torch.cat([single, torch.stack(both, dim=-1)], dim=-1)
 
 
 def pulled(
@@ -148,16 +162,7 @@ def pulled(
     rows = torch.cat([series.B + H, base[:, :, None], target.reshape(n, 3 * g, 1)], dim=2)
     rows = torch.linalg.solve_triangular(L, stiff[:, :, None] * rows, upper=False).unflatten(1, (g, 3))
     own = torch.einsum("ngia,ngi->nga", A, f.reshape(n, g, 3))
-    return Pulled(rows[..., :-2], rows[..., -2], rows[..., -1], A, _amounts(root, second, coupled, own))
-
-
-def _amounts(root: Tensor, second: Tensor, change: Tensor, force: Tensor) -> Tensor:
-    """`Dent.amounts` of forces (n, g, 3)."""
-    single = force + torch.einsum("ngij,ngjk,ngkl,ngl->ngi", root, root, change, force)
-    at = _limit(root, torch.einsum("ngijk,ngk->ngij", second, force))[..., None] * force
-    pairs = at[..., :, None] * (force - 0.5 * at)[..., None, :]
-    both = [pairs[..., i, j] if i == j else pairs[..., i, j] + pairs[..., j, i] for i, j in PAIRS]
-    return torch.cat([single, torch.stack(both, dim=-1)], dim=-1)
+    return Pulled(rows[..., :-2], rows[..., -2], rows[..., -1], A, root, second, coupled, own)
 
 
 def _limit(root: Tensor, change: Tensor) -> Tensor:

@@ -12,20 +12,21 @@ import torch
 from torch import Tensor
 
 from ldsim.arrays import Indices
-from ldsim.dynamics.batched import BatchedStepper
+from ldsim.dynamics.batched import BatchedLoads, BatchedState, BatchedStepper
 from ldsim.dynamics.batched.warped import warps
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import SolverError
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
-from ldsim.space.compliance import LEAST_STRETCH, warp
+from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, warp
 from ldsim.space.space import Space
 from tests.dynamics.batched.solids import march
 from tests.runtime.problems import condensed, with_linear_dents
 
 pytestmark = pytest.mark.usefixtures("steps")
 
+DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 SPACES = {"bent dents": condensed, "linear dents": lambda: with_linear_dents("neo_hookean")}
 
 
@@ -47,9 +48,9 @@ def held(some: Space, vertices: Indices, way: tuple[float, float, float], stiffn
 
 
 def acting(some: Space) -> list[Loads]:
-    """A pull, two, none under another gravity, and a hard one under a third."""
+    """A pull, two, none under another gravity, and one under a third so hard that the laws of dents end."""
     end, other = tip(some), np.arange(30, 34)
-    hard = held(some, other, (0.02, 0.02, 0.02), 500.0)
+    hard = held(some, other, (0.09, 0.15, 0.06), 5000.0)
     return [
         Loads((held(some, end, (0.05, 0.06, -0.03), 30.0),)),
         Loads((held(some, end, (0.02, -0.06, 0.03), 80.0), held(some, other, (0.0, 0.02, 0.02), 50.0))),
@@ -62,18 +63,20 @@ def serial(some: Space) -> ReducedStepper:
     return ReducedStepper(some, ReducedOptions(tolerance=1e-10, max_iterations=500))
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("kind", SPACES)
-def test_frames_of_different_grabs_and_their_dents_are_those_of_the_serial_stepper(kind: str) -> None:
+def test_frames_of_different_grabs_and_their_dents_are_those_of_the_serial_stepper(kind: str, device: str) -> None:
     loads, alone = acting(space(kind)), serial(space(kind))
-    stepper = BatchedStepper(space(kind), tolerance=1e-10, piece=3)
+    stepper = BatchedStepper(space(kind), tolerance=1e-10, device=device, piece=3)
     state = march(stepper, stepper.loads(loads), 12)
-    u = stepper.displacement(state, np.arange(space(kind).scene.mesh.n_vertices)).numpy()
+    u = stepper.displacement(state, np.arange(space(kind).scene.mesh.n_vertices)).cpu().numpy()
     for i, own in enumerate(loads):
         expected = alone.rest()
         for _ in range(12):
             expected, _ = alone.step(expected, own)
-        np.testing.assert_allclose(state.q[i], expected.q, atol=1e-11)
+        np.testing.assert_allclose(state.serial(i).q, expected.q, atol=1e-11)
         np.testing.assert_allclose(u[i], alone.displacement(expected), atol=1e-11)
+        np.testing.assert_allclose(alone.displacement(state.serial(i)), u[i], atol=1e-11)
         again = stepper.state([expected])
         np.testing.assert_allclose(
             stepper.displacement(again, drawn(space(kind)))[0], u[i, drawn(space(kind))], atol=1e-11
@@ -121,7 +124,7 @@ def test_a_grab_of_no_stiffness_is_none() -> None:
 def test_gradients_through_three_steps_are_finite_differences(kind: str) -> None:
     some = space(kind)
     stepper = BatchedStepper(some, tolerance=1e-12)
-    base = stepper.loads(acting(some)[1:3])
+    base = stepper.loads(acting(some)[1:])
     start = march(BatchedStepper(some), base, 2)
 
     def loss(q: Tensor, q_previous: Tensor, target: Tensor, stiffness: Tensor, gravity: Tensor, mu: Tensor) -> Tensor:
@@ -134,7 +137,7 @@ def test_gradients_through_three_steps_are_finite_differences(kind: str) -> None
 
     inputs = (start.q, start.q_previous, base.target, base.stiffness, base.gravity, base.mu)
     inputs = tuple(value.clone().requires_grad_() for value in inputs)
-    # a grab that is not there has no slope in its stiffness from below
+    # a stiffness of zero has no slope
     inputs = (*inputs[:3], (base.stiffness + (base.stiffness == 0)).requires_grad_(), *inputs[4:])
     assert torch.autograd.gradcheck(loss, inputs, eps=1e-6, atol=1e-5, rtol=1e-4, fast_mode=True)
 
@@ -173,3 +176,56 @@ def test_other_factors_in_one_modulus_than_in_the_other_are_refused() -> None:
     loads = stepper.loads([Loads()])
     with pytest.raises(SolverError, match="one factor for both moduli"):
         stepper.step(stepper.rest(1), loads._replace(mu=2 * loads.mu))
+
+
+def test_the_loads_of_the_gradient_test_reach_where_the_laws_of_dents_end() -> None:
+    some = space("bent dents")
+    stepper = BatchedStepper(some)
+    loads = stepper.loads(acting(some))
+    found = loads.in_series(march(stepper, loads, 2).q)
+    bent = torch.einsum("ngijk,ngk->ngij", found.second, found.force)
+    size = (found.root @ bent @ found.root).square().sum((-2, -1)).sqrt()
+    assert (size > MOST_CHANGED).any() and (size < MOST_CHANGED).any()
+
+
+@pytest.mark.parametrize("spoilt", ["target", "stiffness", "gravity", "q"])
+def test_an_instance_that_is_not_finite_is_lost_and_the_others_do_not_notice(spoilt: str) -> None:
+    some, vertices = space("bent dents"), drawn(space("bent dents"))
+    stepper = BatchedStepper(some)
+    loads = stepper.loads(acting(some)[:2])
+    start = march(stepper, loads, 3)
+
+    def after(loads: BatchedLoads, state: BatchedState) -> tuple[BatchedState, Tensor, Tensor]:
+        factor = torch.ones((), dtype=torch.float64, requires_grad=True)
+        new, solution = stepper.step(state, loads._replace(mu=factor.expand(2), lam=factor.expand(2)))
+        u = stepper.displacement(new, vertices)
+        (slope,) = torch.autograd.grad(u[0].sum() + new.q[0].sum(), factor)
+        return new, slope, solution.lost
+
+    fine, expected, _ = after(loads, start)
+    row = torch.tensor([[0.0], [torch.inf if spoilt == "target" else torch.nan]], dtype=torch.float64)
+    if spoilt == "q":
+        found, slope, lost = after(loads, replace(start, q=start.q + row))
+    else:
+        value = getattr(loads, spoilt)
+        found, slope, lost = after(loads._replace(**{spoilt: value + row.reshape(2, *[1] * (value.dim() - 1))}), start)
+    assert lost.tolist() == [1]
+    torch.testing.assert_close(found.q[0], fine.q[0])
+    torch.testing.assert_close(slope, expected)
+    assert torch.isfinite(stepper.displacement(found, vertices)[1]).all() == (spoilt != "q")
+
+
+def test_no_gradient_flows_through_a_state_that_is_detached() -> None:
+    some = space("bent dents")
+    stepper = BatchedStepper(some)
+    loads = stepper.loads(acting(some)[:1])
+    target = loads.target.clone().requires_grad_()
+    state, _ = stepper.step(stepper.rest(1), loads._replace(target=target))
+    assert stepper.displacement(state, drawn(some)).requires_grad
+    assert not stepper.displacement(state.detached(), drawn(some)).requires_grad
+
+
+def test_a_batch_of_none_is_stepped() -> None:
+    stepper = BatchedStepper(space("bent dents"))
+    state, solution = stepper.step(stepper.rest(0), stepper.loads([]))
+    assert state.q.shape == (0, stepper.model.decoder.k) and len(solution.lost) == 0
