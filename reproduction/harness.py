@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import subprocess
@@ -13,7 +14,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ldsim import __version__
 from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.cli.stage import Bars
@@ -35,6 +35,9 @@ ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduction" / "results"
 PICTURES = ROOT / "docs" / "pictures"
 CONFIGS = ROOT / "configs"
+
+# Rooms whose code decides what a result is.
+COMPUTES = [f"ldsim/{room}" for room in ("mesh", "mechanics", "space", "cubature", "learn", "dynamics", "optimise")]
 
 Row = dict[str, Any]
 Stage = Callable[[Run, Settings, Progress, Path], object]
@@ -90,16 +93,22 @@ class Harness:
         return path
 
     def remembered(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """A result, computed once a version and kept; `name` must tell all that it depends on besides the runs."""
+        """A result, computed once and kept; `name` must tell all that it depends on besides the runs and the code of
+        `COMPUTES`."""
         path = self.folder / "remembered.json"
         known: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-        key = f"{name}; ldsim {__version__}"
+        key = f"{name}; {code_of(COMPUTES)}"
         if key not in known:
             known[key] = compute()
             print(f"{self.name}: {name}: {json.dumps(known[key])}", file=sys.stderr)
             write_json(path, known)
         result: dict[str, Any] = known[key]
         return result
+
+
+def code_of(rooms: Sequence[str]) -> str:
+    """A digest of the code of some rooms."""
+    return hashlib.sha256(json.dumps(input_hashes(rooms)).encode()).hexdigest()[:12]
 
 
 def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path) -> Path:

@@ -83,3 +83,8 @@ def played(
 def online_error(found: Trajectory) -> float:
     """Mean vertex distance to the full-space run over its mean displacement; NaN where nothing moved."""
     return float("nan") if found.relative_error is None else found.relative_error
+
+
+def a_step(counts: NDArray[np.integer], found: Trajectory) -> float:
+    """Iterations or evaluations of a step, on average over those that were taken before a run was lost."""
+    return float(counts[np.isfinite(found.seconds) & (found.evaluations > 0)].mean())

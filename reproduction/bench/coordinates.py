@@ -7,13 +7,16 @@ a run with snapshots and basis; nothing is trained.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.sparse import eye_array, kron
 from scipy.sparse.linalg import eigsh
 
+from ldsim.arrays import Array
 from ldsim.jit import one_thread
+from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.pipeline.coordinates import frames_of, slaving_error
@@ -24,6 +27,7 @@ from reproduction.harness import Row, called, parser, row, show, write_results
 
 NAME = "coordinates"
 SIZES = (4, 8, 12, 16)
+Frames = Sequence[tuple[Array, Loads]]
 ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "pipeline")]
 
 
@@ -40,16 +44,30 @@ def modes(scene: Scene, count: int) -> Basis:
     return Basis.of(columns.reshape(-1, count), scene.mass)
 
 
+def off(compliance: Compliance, frames: Frames) -> list[float]:
+    """Mean distance of each frame from the relaxed pose of its coordinates, metres; infinite where there is none."""
+    return [slaving_error(compliance, [frame]) * float(np.linalg.norm(frame[0], axis=1).mean()) for frame in frames]
+
+
 def measure(run: Run) -> list[Row]:
-    """The rows of one run."""
+    """The rows of one run; a frame that one basis has no relaxed pose of is left out of all."""
     rows = list[Row]()
-    for kind, basis in {"PCA": run.basis, "modes": modes(run.scene, max(SIZES))}.items():
-        for r in SIZES:
-            compliance = Compliance(run.scene, basis.columns(r))
-            for role in ("train", "validation"):
-                error = slaving_error(compliance, frames_of(run, role))
-                rows.append(row(run.experiment, f"worst frame, {role}, {r} columns of {kind}", error))
-                print(rows[-1], flush=True)
+    bases = {"PCA": run.basis, "modes": modes(run.scene, max(SIZES))}
+    for role in (role for role in ("train", "validation") if run.snapshots.with_role(role)):
+        frames = list(frames_of(run, role))
+        moved = np.array([np.linalg.norm(u, axis=1).mean() for u, _ in frames])
+        found = {
+            (kind, r): np.array(off(Compliance(run.scene, basis.columns(r)), frames))
+            for kind, basis in bases.items()
+            for r in SIZES
+        }
+        fine = np.isfinite(list(found.values())).all(axis=0)
+        share = np.maximum(moved, moved[fine].mean())
+        for (kind, r), metres in found.items():
+            worst = float((metres / share)[fine].max())
+            rows.append(row(run.experiment, f"worst frame, {role}, {r} columns of {kind}", worst))
+        rows.append(row(run.experiment, f"frames, {role}", int(fine.sum())))
+        rows.append(row(run.experiment, f"frames left out, {role}", int((~fine).sum())))
     return rows
 
 

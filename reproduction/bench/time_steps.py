@@ -1,9 +1,10 @@
 """A condensed space at other time steps than its motions had, and two inertias of it.
 
-The pulls of role test run for the same seconds at 1, 2, 5 and 10 ms in the full space, and beside it in the latent
-space of a finished run: with the inertia of the decoded pose, as `ldsim simulate` has it, and with that of the
+The first pulls of role test run for the same seconds at 1, 2, 5 and 10 ms in the full space, and beside it in the
+latent space of a finished run: with the inertia of the decoded pose, as `ldsim simulate` has it, and with that of the
 coordinates alone, ‖z‖². Nothing is trained anew: V_eff and the decoder know no time step. Beside them the linear space
-of all columns, every element integrated, for at short steps implicit Euler damps less, and every error lasts longer.
+of all columns, every element integrated (to 10⁻⁶ N, which is enough), for at short steps implicit Euler damps less,
+and every error lasts longer.
 """
 
 from __future__ import annotations
@@ -29,14 +30,13 @@ from ldsim.pipeline.comparison import Reference
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.space.space import Space
-from reproduction.harness import ROOT, Row, called, parser, row, show, write_results
+from reproduction.harness import COMPUTES, ROOT, Row, called, parser, row, show, write_results
 from reproduction.reduced_runs import played
 from reproduction.rivals.every_element import EveryElement
 
 NAME = "time_steps"
 MILLISECONDS = (1.0, 2.0, 5.0, 10.0)
 STOP = ReducedOptions(tolerance=1e-8)
-ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "learn", "dynamics")]
 
 
 class CoordinatesAlone(ReducedStepper):
@@ -96,7 +96,7 @@ def main() -> None:
         rows = measure(run, pulls[0])
     show(rows)
     own = str(given.configuration.resolve().relative_to(ROOT))
-    write_results(f"{NAME}_{settings.experiment}", called(NAME), rows, inputs=[*ROOMS, own])
+    write_results(f"{NAME}_{settings.experiment}", called(NAME), rows, inputs=[*COMPUTES, own])
 
 
 if __name__ == "__main__":

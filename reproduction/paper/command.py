@@ -10,17 +10,19 @@ import click
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import LdsimError, SettingsError
-from reproduction.harness import CONFIGS, PICTURES, RESULTS, ROOT, Harness, origin, write_json
+from reproduction.harness import COMPUTES, CONFIGS, PICTURES, RESULTS, ROOT, Harness, origin, write_json
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
 
-ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "optimise")]
+# Of this folder what only words the page.
+WORDS = {"table.py", "page.py", "command.py"}
 
 
 def inputs() -> list[str]:
     """What the results follow from."""
-    settings = [str(path.relative_to(ROOT)) for path in sorted((CONFIGS / "paper").glob("*.yaml"))]
-    return [*ROOMS, "reproduction/paper", *settings]
+    experiments = [path for path in Path(__file__).parent.glob("*.py") if path.name not in WORDS]
+    files = [*experiments, *(CONFIGS / "paper").glob("*.yaml"), ROOT / "reproduction" / "reduced_runs.py"]
+    return [*COMPUTES, "ldsim/pipeline", *(str(path.resolve().relative_to(ROOT)) for path in sorted(files))]
 
 
 def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
@@ -79,7 +81,7 @@ def command(name: str, quick: bool, runs: Path) -> None:
 def _answer(name: str, quick: bool, runs: Path) -> None:
     if name == "list":
         for key, experiment in EXPERIMENTS.items():
-            click.echo(f"{key:8}{experiment.shows}")
+            click.echo(f"{key:10}{experiment.shows}")
     elif name == "all":
         _make_all(runs, quick)
     elif name in EXPERIMENTS:

@@ -63,7 +63,11 @@ def train_full_space(u: NDArray[np.float32], U: Array, r: int, options: TrainOpt
     data = torch.tensor(u / scale, dtype=torch.float32)
     with torch.random.fork_rng():
         torch.manual_seed(options.seed)
-        model = Autoencoder(r, torch.ones(k), options)
+        # as `train` has it; from a random start the outer layers' coordinates are not the basis' ones
+        spread = np.sqrt((q**2).mean(axis=0)) / scale
+        model = Autoencoder(
+            r, torch.ones(k) if mode == "random" else torch.tensor(spread, dtype=torch.float32), options
+        )
         down, up = torch.nn.Linear(len(U), k, bias=False), torch.nn.Linear(k, len(U), bias=False)
     if mode != "random":
         with torch.no_grad():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ldsim.space.space import Space
 from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import cross
-from reproduction.reduced_runs import displacements, largest_error, online_error, play, training_coordinates
+from reproduction.reduced_runs import a_step, displacements, largest_error, online_error, play, training_coordinates
 
 # The paper's training (Sec. 4.3).
 PAPER = TrainOptions(
@@ -50,7 +51,7 @@ def networks(bench: Harness) -> Outcome:
                 "max_mm": largest_error(run, trained.decoder(trained.encoder(q))),
                 "online_error": online_error(played),
                 "jitter_over_full": jitter(space.displacement(played.coordinates)) / jitter(full),
-                "evaluations": float(played.evaluations.mean()),
+                "evaluations": a_step(played.evaluations, played),
             }
 
         table = {
@@ -93,6 +94,10 @@ def jitter(u: np.ndarray[Any, Any]) -> float:
     return float(np.sqrt(np.square(np.diff(u, n=2, axis=0)).mean()))
 
 
+def _or_infinite(value: float | None) -> float:
+    return math.inf if value is None or not math.isfinite(value) else value
+
+
 def _middle(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Of several seeds the middle one of each number; a lost one counts as infinite."""
-    return {key: float(np.median([np.inf if row[key] is None else row[key] for row in rows])) for key in rows[0]}
+    return {key: float(np.median([_or_infinite(row[key]) for row in rows])) for key in rows[0]}

@@ -20,7 +20,8 @@ INTRODUCTION = """# The paper, figure by figure
 Fulton, Modi, Duvenaud, Levin and Jacobson, *Latent-space Dynamics for Reduced Deformable Simulation*, Eurographics
 2019, made again at the paper's own settings (`configs/paper/`): Adam at a fixed rate, 100 × 100 ELU, An's cubature with
 as many points for both spaces, L-BFGS with Eq. 15 made in every step. `make paper` makes all of it from the authors'
-meshes and recordings, `make paper NAME=fig9` one, `QUICK=yes` a small version. Milliseconds do not carry over between
+meshes and recordings, `make paper NAME=fig9` one, `QUICK=yes` a small version. Where a figure asks for errors alone,
+`ldsim`'s own minimiser takes the steps to 10⁻⁸ N, where all minimisers end. Milliseconds do not carry over between
 machines; ratios, counts and errors do. What does not hold is shown as it is. What `ldsim` does beyond the paper is in
 [the guide](guide/reduced_space.md), and is measured elsewhere.
 
@@ -70,7 +71,11 @@ def _section(name: str, experiment: Experiment, content: Mapping[str, Any]) -> I
     if experiment.found:
         yield f"\n**Here.** {experiment.found}\n"
     machine = content["machine"]
-    stale = " **Stale**: code or configurations have changed since." if is_stale(content) else ""
+    stale = (
+        " **Stale**: code or configurations have changed since, or it does not say what it was made from."
+        if is_stale(content)
+        else ""
+    )
     yield (
         f"\nMade by `{content['command']}` on {machine['cpu']}, {machine['cores']} cores, {content['created'][:10]}, "
         f"commit {content['commit']} (`reproduction/results/paper/{name}.json`).{stale}\n\n"

@@ -19,10 +19,10 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "cubature", "enrichment", "examples", "frontier"),
+    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "enrichment", "examples", "frontier"),
     *("full_space", "fuzz", "hand"),
     *("newcomer", "pipeline", "released", "runtime", "soak", "solids", "space", "statement", "step", "step_parts"),
-    *("step_sizes", "two_commands"),
+    *("step_sizes", "time_steps", "two_commands"),
 ]
 
 

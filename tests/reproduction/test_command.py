@@ -109,11 +109,14 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(EXPERIMENTS, "odd", made_up(3.0))
+    monkeypatch.setattr(command, "RESULTS", tmp_path)
+    monkeypatch.setattr(command, "PICTURES", tmp_path)
     result = invoke("odd", runs=tmp_path)
     assert result.exit_code == 0
     assert "odd: nothing: FAILED" in result.output
     assert "FAILS: the number: 3, expected < 1" in result.output
-    record = json.loads((tmp_path / "paper" / "odd" / "odd.json").read_text("utf-8"))
+    record = json.loads((tmp_path / "paper" / "odd.json").read_text("utf-8"))
+    assert (tmp_path / "paper_odd.svg").is_file() and "reproduction/paper/table.py" not in record["inputs"]
     assert not record["passed"]
     assert record["numbers"]["wild"] == [None]
 
@@ -121,6 +124,8 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
 def test_all_goes_on_after_an_experiment_that_lacks_its_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LDSIM_DATA", raising=False)
     monkeypatch.setattr(command, "EXPERIMENTS", {"fig10": EXPERIMENTS["fig10"], "good": made_up(0.5)})
+    monkeypatch.setattr(command, "RESULTS", tmp_path)
+    monkeypatch.setattr(command, "PICTURES", tmp_path)
     result = invoke("all", runs=tmp_path)
     assert "fig10 could not be made" in refused(result)
     assert "fig10: not made: $LDSIM_DATA/meshes/catapult_13802.mesh needs the environment variable" in result.output
