@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,8 @@ def swing(frames: int) -> str:
 
 def _configuration(bench: Harness) -> Configuration:
     frames, resolution = (200, 1) if bench.quick else (800, 2)
-    recording = bench.file(f"swing_{frames}.csv", swing(frames))
+    # one file for both figures, which share the run
+    recording = replace(bench, name="pendulum").file(f"swing_{frames}.csv", swing(frames))
     return {
         "experiment": "paper-pendulum-quick" if bench.quick else "paper-pendulum",
         "mesh": {
