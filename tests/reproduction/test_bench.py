@@ -15,13 +15,26 @@ import reproduction
 from ldsim.cubature.rule import CubatureRule
 from reproduction import harness
 from reproduction.bench.kept import kept, kept_rules
+from reproduction.bench.novelty import area
 from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
     *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "enrichment", "examples", "frontier"),
     *("full_space", "fuzz", "hand"),
-    *("newcomer", "pipeline", "released", "runtime", "soak", "solids", "space", "statement", "step", "step_parts"),
+    *(
+        "newcomer",
+        "novelty",
+        "pipeline",
+        "released",
+        "runtime",
+        "soak",
+        "solids",
+        "space",
+        "statement",
+        "step",
+        "step_parts",
+    ),
     *("step_sizes", "time_steps", "two_commands"),
 ]
 
@@ -63,6 +76,13 @@ def test_results_say_where_they_come_from(tmp_path: Path, monkeypatch: pytest.Mo
     assert called("frontier") == "python -m reproduction.bench.frontier configs/demo.yaml"
     assert content["rows"][0] == {"model": "x", "quantity": "a number", "value": 1.5, "unit": "s", "goal": "<= 2"}
     assert content["rows"][1]["value"] is None
+
+
+@pytest.mark.parametrize(
+    ("score", "expected"), [([1, 2, 3, 4], 1.0), ([4, 3, 2, 1], 0.0), ([1, 3, 2, 4], 0.75), ([5, 5, 5, 5], 0.5)]
+)
+def test_the_area_under_a_roc_curve_is_how_often_bad_frames_score_higher(score: list[int], expected: float) -> None:
+    assert area(np.array(score), np.array([False, False, True, True])) == expected
 
 
 def test_what_is_kept_is_not_measured_again(tmp_path: Path) -> None:
