@@ -103,6 +103,8 @@ def _table_one(rows: Mapping[str, Any]) -> Iterator[str]:
                 f"{name}, paper", row.tets, row.autoencoder_s, row.pca_s, row.cubature_s, row.points, row.kp,
                 f"{row.r} ({row.k})", row.linear_ms, row.latent_ms, row.speedup,
             )  # fmt: skip
+    notes = (f"{name}: {row.note}" for name in rows if (row := paper_row(name)) is not None and row.note)
+    yield "".join(f"\n{note}\n" for note in notes)
     yield "\nOnline error on the training motion, which the paper does not print:\n\n"
     yield "| | linear | latent |\n|---|---|---|\n"
     for name, found in rows.items():

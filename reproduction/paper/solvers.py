@@ -61,7 +61,7 @@ def solvers(bench: Harness) -> Outcome:
     for shift, name in ((-0.2, "linear"), (0.2, "latent")):
         values = [found[solver][name]["step_ms"] for solver in found]
         ax.bar(places + shift, values, 0.38, color=PALETTE[name], label=f"{name}, {spaces[name].r}")
-    ax.set_xticks(places, list(found))
+    ax.set_xticks(places, [solver.replace(", ", ",\n") for solver in found])
     ax.legend(frameon=False, fontsize=9)
     step = {solver: {name: each["step_ms"] for name, each in both.items()} for solver, both in found.items()}
     plain = min(step["L-BFGS, Eq. 15"]["linear"], step["L-BFGS, identity"]["linear"])

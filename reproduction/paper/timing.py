@@ -148,7 +148,7 @@ SHADES = ("linear", "second", "full", "scale-1", "latent", "scale-3", "scale-0")
 def _breakdown(found: dict[str, Side], parts: dict[str, dict[str, float]]) -> Figure:
     """A bar of a step for each space, in parts."""
     figure, ax = new_axes("µs of a step, mean", "", height=2.6)
-    names = [f"{name}, {side.dimension}:\n{side.evaluations:.3g} evaluations" for name, side in found.items()]
+    names = [f"{name}, {side.dimension}:\n{side.evaluations:,.0f} evaluations" for name, side in found.items()]
     begin = np.zeros(len(found))
     for shade, part in zip(SHADES, parts["linear"], strict=True):
         once = part in ("preconditioner", "rest of a step")
