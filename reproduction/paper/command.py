@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,26 @@ from reproduction.harness import COMPUTES, CONFIGS, PICTURES, RESULTS, ROOT, Har
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
 
-# Of this folder what only words the page.
-WORDS = {"table.py", "page.py", "command.py"}
+# What only draws, words or keeps what was found.
+FRAME = {"reproduction.harness", "reproduction.pages", "reproduction.paper.experiment", "reproduction.paper.stills"}
 
 
-def inputs() -> list[str]:
-    """What the results follow from."""
-    experiments = [path for path in Path(__file__).parent.glob("*.py") if path.name not in WORDS]
-    files = [*experiments, *(CONFIGS / "paper").glob("*.yaml"), ROOT / "reproduction" / "reduced_runs.py"]
-    return [*COMPUTES, "ldsim/pipeline", *(str(path.resolve().relative_to(ROOT)) for path in sorted(files))]
+def inputs(name: str) -> list[str]:
+    """What an experiment's result follows from: the rooms that compute, its modules and their settings."""
+    modules = (module.replace(".", "/") + ".py" for module in used_modules(EXPERIMENTS[name].run.__module__))
+    settings = (path.relative_to(ROOT).as_posix() for path in (CONFIGS / "paper").glob("*.yaml"))
+    return [*COMPUTES, "ldsim/pipeline", *sorted((*modules, *settings))]
+
+
+def used_modules(module: str) -> set[str]:
+    """A module of reproduction/ and those that it imports from."""
+    found, open_ones = set[str](), {module}
+    while open_ones:
+        found |= open_ones
+        trees = [ast.parse((ROOT / f"{each.replace('.', '/')}.py").read_text(encoding="utf-8")) for each in open_ones]
+        taken = {node.module or "" for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        open_ones = {each for each in taken if each.startswith("reproduction.")} - found - FRAME
+    return found
 
 
 def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
@@ -35,7 +47,7 @@ def record(name: str, quick: bool, outcome: Outcome) -> dict[str, Any]:
         "passed": all(relation["holds"] for relation in relations),
         "relations": relations,
         "numbers": outcome.numbers,
-        **origin(f"make paper NAME={name}{' QUICK=yes' if quick else ''}", inputs=inputs()),
+        **origin(f"make paper NAME={name}{' QUICK=yes' if quick else ''}", inputs=inputs(name)),
     }
 
 

@@ -116,9 +116,15 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
     assert "odd: nothing: FAILED" in result.output
     assert "FAILS: the number: 3, expected < 1" in result.output
     record = json.loads((tmp_path / "paper" / "odd.json").read_text("utf-8"))
-    assert (tmp_path / "paper_odd.svg").is_file() and "reproduction/paper/table.py" not in record["inputs"]
+    assert (tmp_path / "paper_odd.svg").is_file()
     assert not record["passed"]
     assert record["numbers"]["wild"] == [None]
+
+
+def test_a_result_knows_what_it_follows_from() -> None:
+    profile = command.inputs("fig12")
+    assert {"ldsim/dynamics", "reproduction/paper/timing.py", "reproduction/bench/step_parts.py"} < set(profile)
+    assert not {"reproduction/paper/table.py", "reproduction/paper/pendulum.py"} & set(profile)
 
 
 def test_all_goes_on_after_an_experiment_that_lacks_its_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
