@@ -31,7 +31,8 @@ def used_modules(module: str) -> set[str]:
     found, open_ones = set[str](), {module}
     while open_ones:
         found |= open_ones
-        trees = [ast.parse((ROOT / f"{each.replace('.', '/')}.py").read_text(encoding="utf-8")) for each in open_ones]
+        files = [ROOT / f"{each.replace('.', '/')}.py" for each in open_ones]
+        trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files if file.is_file()]
         taken = {node.module or "" for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         open_ones = {each for each in taken if each.startswith("reproduction.")} - found - FRAME
     return found
