@@ -34,6 +34,7 @@ from reproduction.pages import input_hashes
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduction" / "results"
 PICTURES = ROOT / "docs" / "pictures"
+MADE = PICTURES / "made.json"
 CONFIGS = ROOT / "configs"
 
 # Rooms whose code decides what a result is.
@@ -228,6 +229,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def note(name: str, shows: Sequence[str]) -> None:
+    """Remember what a picture shows, files of the project as they are now."""
+    made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
+    write_json(MADE, dict(sorted({**made, name: input_hashes(shows)}.items())))
 
 
 def _finite(value: Any) -> Any:

@@ -36,12 +36,10 @@ from ldsim.viewer.recorder import Recorder
 from reproduction.bench.pipeline import ROOMS, rows_of
 from reproduction.drawings import drawings
 from reproduction.gallery import pictures as example_pictures
-from reproduction.harness import CONFIGS, PICTURES, ROOT, parser, row, write_json, write_results
-from reproduction.pages import input_hashes
+from reproduction.harness import CONFIGS, PICTURES, ROOT, note, parser, row, write_results
 from tests.viewer.browser import Tab, chromium
 from tests.viewer.served import served
 
-MADE = PICTURES / "made.json"
 LIVE = ROOT / "docs" / "live" / "demo.html"
 LARGEST = 600_000  # bytes
 # The demo is pulled at fast: a quarter of its speed can be followed.
@@ -59,12 +57,6 @@ def keep(name: str, data: bytes, shows: Sequence[str]) -> None:
     (PICTURES / name).write_bytes(data)
     note(name, shows)
     print(f"docs/pictures/{name}: {len(data) / 1000:.0f} kB")
-
-
-def note(name: str, shows: Sequence[str]) -> None:
-    """Remember what a file shows, as it is now."""
-    made = json.loads(MADE.read_text(encoding="utf-8")) if MADE.is_file() else {}
-    write_json(MADE, dict(sorted({**made, name: input_hashes(shows)}.items())))
 
 
 def film(runs: Path) -> None:

@@ -11,7 +11,7 @@ import click
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import LdsimError, SettingsError
-from reproduction.harness import COMPUTES, CONFIGS, PICTURES, RESULTS, ROOT, Harness, origin, write_json
+from reproduction.harness import COMPUTES, CONFIGS, PICTURES, RESULTS, ROOT, Harness, note, origin, write_json
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
 
@@ -61,6 +61,11 @@ def write_outcome(folder: Path, pictures: Path, name: str, quick: bool, outcome:
         with replacing(pictures / f"paper_{name}.webp") as temporary:
             temporary.write_bytes(outcome.still)
     write_json(folder / f"{name}.json", content)
+    if not quick:
+        result = (folder / f"{name}.json").resolve()
+        shown = result.relative_to(ROOT) if result.is_relative_to(ROOT) else result
+        for picture in pictures.glob(f"paper_{name}.*"):
+            note(picture.name, [str(shown)])
     return content
 
 

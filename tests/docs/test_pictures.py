@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from reproduction.harness import MADE
 from reproduction.pages import input_hashes
-from reproduction.pictures import LARGEST, MADE
+from reproduction.pictures import LARGEST
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from ldsim.artefacts.store import STAGE_OF
+from reproduction import harness
 from reproduction.harness import Harness
 from reproduction.paper import command
 from reproduction.paper.experiment import Experiment, Outcome, Relation
@@ -45,6 +46,13 @@ def invoke(*arguments: str, runs: Path) -> Result:
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "Harness", TinyHarness)
+
+
+def in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is made in full size goes there, and not among the project's own results."""
+    for name in ("RESULTS", "PICTURES"):
+        monkeypatch.setattr(command, name, folder)
+    monkeypatch.setattr(harness, "MADE", folder / "made.json")
 
 
 def made_up(value: float) -> Experiment:
@@ -109,14 +117,15 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(EXPERIMENTS, "odd", made_up(3.0))
-    monkeypatch.setattr(command, "RESULTS", tmp_path)
-    monkeypatch.setattr(command, "PICTURES", tmp_path)
+    in_folder(tmp_path, monkeypatch)
     result = invoke("odd", runs=tmp_path)
     assert result.exit_code == 0
     assert "odd: nothing: FAILED" in result.output
     assert "FAILS: the number: 3, expected < 1" in result.output
     record = json.loads((tmp_path / "paper" / "odd.json").read_text("utf-8"))
     assert (tmp_path / "paper_odd.svg").is_file()
+    made = json.loads((tmp_path / "made.json").read_text("utf-8"))
+    assert list(made["paper_odd.svg"]) == [str(tmp_path / "paper" / "odd.json")]
     assert not record["passed"]
     assert record["numbers"]["wild"] == [None]
 
@@ -130,8 +139,7 @@ def test_a_result_knows_what_it_follows_from() -> None:
 def test_all_goes_on_after_an_experiment_that_lacks_its_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LDSIM_DATA", raising=False)
     monkeypatch.setattr(command, "EXPERIMENTS", {"fig10": EXPERIMENTS["fig10"], "good": made_up(0.5)})
-    monkeypatch.setattr(command, "RESULTS", tmp_path)
-    monkeypatch.setattr(command, "PICTURES", tmp_path)
+    in_folder(tmp_path, monkeypatch)
     result = invoke("all", runs=tmp_path)
     assert "fig10 could not be made" in refused(result)
     assert "fig10: not made: $LDSIM_DATA/meshes/catapult_13802.mesh needs the environment variable" in result.output
