@@ -18,6 +18,7 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.store import STAGE_OF
 from ldsim.cli.stage import Bars
 from ldsim.errors import ArtefactError
+from ldsim.jit import one_thread
 from ldsim.pipeline.cubature import cubature
 from ldsim.pipeline.files import file_sums
 from ldsim.pipeline.mesh import mesh
@@ -174,6 +175,19 @@ def parser(name: str, description: str | None, room: str = "bench") -> argparse.
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+
+
+def over_runs(name: str, description: str | None, measure: Callable[[Run], list[Row]], inputs: Sequence[str]) -> None:
+    """The command of a benchmark that measures the finished runs that it is given, and writes results/NAME.json."""
+    arguments = parser(name, description)
+    arguments.add_argument("runs", nargs="+", type=Path, help="folders of finished runs")
+    rows = list[Row]()
+    with one_thread():
+        for folder in arguments.parse_args().runs:
+            with Run.open(folder) as run:
+                rows += measure(run)
+    show(rows)
+    write_results(name, called(name), rows, inputs=inputs)
 
 
 def called(name: str, room: str = "bench") -> str:

@@ -1,9 +1,9 @@
 """Steps a second against the number of instances.
 
 All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
-stiffness of its own: on a CPU, in double precision by one thread and by one a
-core, and in single precision, and where there is one on a GPU. Beside them the serial stepper, which takes the same
-steps one instance after another. `--quick` takes three sizes. The results are written after each size.
+stiffness of its own: on a CPU, in double precision by one thread and by one a core, and in single precision, and where
+there is one on a GPU. Beside them the serial stepper, which takes the same steps one instance after another. `--quick`
+takes three sizes. The results are written after each size.
 """
 
 from __future__ import annotations

@@ -8,14 +8,12 @@ a run with snapshots and basis; nothing is trained.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import eye_array, kron
 from scipy.sparse.linalg import eigsh
 
 from ldsim.arrays import Array
-from ldsim.jit import one_thread
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
@@ -23,7 +21,7 @@ from ldsim.pipeline.coordinates import frames_of, slaving_error
 from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
-from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.harness import Row, over_runs, row
 
 NAME = "coordinates"
 SIZES = (4, 8, 12, 16)
@@ -72,15 +70,7 @@ def measure(run: Run) -> list[Row]:
 
 
 def main() -> None:
-    arguments = parser(NAME, __doc__)
-    arguments.add_argument("runs", nargs="+", type=Path, help="folders of runs with snapshots and basis")
-    rows = list[Row]()
-    with one_thread():
-        for folder in arguments.parse_args().runs:
-            with Run.open(folder) as run:
-                rows += measure(run)
-    show(rows)
-    write_results(NAME, called(NAME), rows, inputs=ROOMS)
+    over_runs(NAME, __doc__, measure, ROOMS)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ frames that are further off than nine in ten of the training motions' frames.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
@@ -19,12 +17,11 @@ from ldsim.arrays import Array
 from ldsim.dynamics.reduced.potential import value_gradient
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.jit import one_thread
 from ldsim.mechanics.loads import MotionLoads
 from ldsim.report.numbers import rank_correlation
 from ldsim.run import Run
 from ldsim.space.novelty import remembered
-from reproduction.harness import COMPUTES, Row, called, parser, row, show, write_results
+from reproduction.harness import COMPUTES, Row, over_runs, row
 
 NAME = "novelty"
 USUAL = 0.9
@@ -56,9 +53,9 @@ def area(score: Array, bad: NDArray[np.bool_]) -> float:
     return float((rankdata(score)[bad].sum() - count * (count + 1) / 2) / (count * (len(bad) - count)))
 
 
-def measure(name: str, run: Run) -> list[Row]:
+def measure(run: Run) -> list[Row]:
     """The rows of one run."""
-    runs, h = run.simulation["latent"], run.scene.time_step
+    name, runs, h = run.folder.name, run.simulation["latent"], run.scene.time_step
     errors = {motion: played.mean_error for motion, played in runs.items()}
     trained = [errors[motion] for motion in runs if run.motions[motion].role == "train"]
     usual = float(np.quantile(np.concatenate([each for each in trained if each is not None]), USUAL))
@@ -81,15 +78,7 @@ def measure(name: str, run: Run) -> list[Row]:
 
 
 def main() -> None:
-    arguments = parser(NAME, __doc__)
-    arguments.add_argument("runs", nargs="+", type=Path, help="folders of finished runs")
-    rows = list[Row]()
-    with one_thread():
-        for folder in arguments.parse_args().runs:
-            with Run.open(folder) as run:
-                rows += measure(folder.name, run)
-    show(rows)
-    write_results(NAME, called(NAME), rows, inputs=[*COMPUTES, "ldsim/pipeline"])
+    over_runs(NAME, __doc__, measure, [*COMPUTES, "ldsim/pipeline"])
 
 
 if __name__ == "__main__":
