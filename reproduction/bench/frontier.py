@@ -37,12 +37,13 @@ COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
 
 
-def seeded(settings: Settings, seed: int, swept: bool) -> Settings:
-    """A configuration with another seed, and without linear sizes where another configuration has them."""
+def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
+    """A configuration with another seed, as of the experiment `first`, whose linear sizes no other one fits again."""
     cubature = settings.cubature.replace(seed=seed)
-    if not swept:
+    if settings is not first:
         cubature = cubature.replace(linear_sizes=())
-    return settings.model_copy(update={"train": settings.train.replace(seed=seed), "cubature": cubature})
+    train = settings.train.replace(seed=seed)
+    return settings.model_copy(update={"experiment": first.experiment, "train": train, "cubature": cubature})
 
 
 def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tuple[str, int, Path]]:
@@ -50,12 +51,12 @@ def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tu
     wanted, first = [], load_settings(configurations[0])
     shared = finished(runs / first.experiment, first, ONCE, configurations[0].parent)
     for path in configurations:
-        settings = load_settings(path)
+        settings = first if path == configurations[0] else load_settings(path)
         if other := [name for name in ONCE if settings.section(name) != first.section(name)]:
             raise SettingsError(f"{path} has another section {other[0]} than {configurations[0]}; they share one run")
         for seed in SEEDS:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
-            own = seeded(settings, seed, swept=path == configurations[0])
+            own = seeded(settings, seed, first)
             finished(folder, own, ("train", "cubature"), path.parent)
             wanted.append((settings.train.kind, seed, folder, own, path.parent))
     for kind, seed, folder, own, base in wanted:
