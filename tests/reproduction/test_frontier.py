@@ -9,9 +9,10 @@ import pytest
 from ldsim.pipeline.choice_of_space import Standing
 from ldsim.report.frontier import on_role
 from ldsim.run import Run
+from ldsim.settings import load_settings
 from reproduction.bench import frontier
-from reproduction.bench.frontier import ERROR, STEP, marks, over_seeds, picture, rows_of
-from reproduction.harness import Row, row
+from reproduction.bench.frontier import ERROR, STEP, marks, over_seeds, picture, rows_of, seeded
+from reproduction.harness import ROOT, Row, row
 from tests.report.small_run import write_run
 
 RATIO = "linear step over latent step at equal error, test, condensed"
@@ -68,3 +69,14 @@ def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
     assert list(marks(rows, "test")) == expected and not list(marks(rows, "validation"))
     drawn = picture(rows, "solid")
     assert all(word in drawn for word in (">condensed<", ">linear<", ">20<", ">10<"))
+
+
+def test_configurations_of_other_names_are_seeded_as_one_experiment_whose_linear_sizes_are_fitted_once() -> None:
+    first = load_settings(ROOT / "reproduction" / "bench" / "frontier_demo.yaml")
+    other = load_settings(ROOT / "configs" / "surface.yaml")
+    assert other.experiment != first.experiment
+    own, again = seeded(other, 3, first), seeded(first, 3, first)
+    assert own.experiment == again.experiment == first.experiment
+    assert own.train.seed == own.cubature.seed == again.cubature.seed == 3
+    assert own.cubature.linear_sizes == ()
+    assert again.cubature.linear_sizes == first.cubature.linear_sizes != ()
