@@ -238,6 +238,15 @@ def write_results(
     return path
 
 
+def rows_before(name: str, model: str) -> list[Row]:
+    """What the results of a name hold of a model; none where there are no results."""
+    try:
+        content = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [each for each in content["rows"] if each["model"] == model]
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON with null for every number that JSON does not know."""
     text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

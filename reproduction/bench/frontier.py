@@ -6,7 +6,8 @@ Each configuration trains one kind of latent space on the same scene, motions an
 virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
 same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything is
 made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
-that was not so. Results go to reproduction/results/frontier_<experiment>.json.
+that was not so. Beside a condensed space stand two floors, the errors of linear elasticity in the full space and in the
+condensed one, which tell how nonlinear each motion is. Results go to reproduction/results/frontier_<experiment>.json.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
+from reproduction.bench.condensed import floors
 from reproduction.harness import ROOT, Row, called, finished, linked, parser, row, show, write_results
 
 NAME = "frontier"
@@ -161,6 +163,9 @@ def main() -> None:
     for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again):
         with Run.open(folder) as run:
             rows += rows_of(model, kind, seed, run, rivals)
+            if kind == "condensed" and seed == SEEDS[0]:
+                for motion in run.played.names:
+                    rows += floors(run, motion, f"{motion} ({run.recorded(motion).role})")
     rows += over_seeds(model, rows)
     show(rows, model)
     own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]

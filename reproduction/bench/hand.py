@@ -3,7 +3,8 @@
 A scripted pointer in a browser takes the place of a hand: it takes hold of a place that it sees, drags it across the
 screen from one point to the next as hands do (quick in the middle, slow at both ends), waits, lets go, and takes hold
 elsewhere. The recorder's own spring and grip are used, the page is looked at as it opens, and nothing that is recorded
-was learned from. Solids that are not made yet are left out. Results go to reproduction/results/hand.json.
+was learned from. Solids that are not made yet are left out; their rows of earlier results stay. Results go
+to reproduction/results/hand.json.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ldsim.pipeline.options import MotionOptions
 from ldsim.pipeline.snapshot import motion
 from ldsim.run import Run
 from reproduction.bench.solid_files import SOLIDS
-from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, parser, row, rows_before, show, write_results
 from reproduction.reduced_runs import played
 from tests.viewer.browser import Tab, chromium
 
@@ -117,7 +118,8 @@ def main() -> None:
         "solids", nargs="*", choices=[*SOLIDS, []], help="which; all that are made where none is named"
     )
     arguments.add_argument("--folder", type=Path, default=Path("runs") / "solids", help="where files and runs lie")
-    given, rows = arguments.parse_args(), list[Row]()
+    given = arguments.parse_args()
+    rows = {name: rows_before(NAME, name) for name in SOLIDS}
     folder = given.folder.resolve()
     for seed, name in enumerate(SOLIDS):
         config, output = folder / f"{name}.yaml", folder / f"{name}_by_hand.csv"
@@ -127,10 +129,10 @@ def main() -> None:
             record(config, output, seed)
         with Run(folder / "runs" / name, name) as run:
             options = MotionOptions(name="by_hand", role="test", recording=str(output))
-            found = off(run, motion(run.scene, options))
-        show(found, name)
-        rows += found
-        write_results(NAME, called(NAME), rows, inputs=("reproduction/bench/solid_files.py",))
+            rows[name] = off(run, motion(run.scene, options))
+        show(rows[name], name)
+        joined = [each for some in rows.values() for each in some]
+        write_results(NAME, called(NAME), joined, inputs=("reproduction/bench/solid_files.py",))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""Eight solids as users have them: files of meshes in metres, and of surfaces in millimetres, as CAD has them.
+"""Ten solids as users have them: files of meshes in metres, and of surfaces in millimetres, as CAD has them.
 
-They are made by rule, from grids of cubes that are bent into shape, so that nothing has to be shipped.
+Eight have 2,000 to 10,000 cells, the last two, an antler and a cushion, more than 20,000. They are made by rule, from
+grids of cubes that are bent into shape, so that nothing has to be shipped.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from ldsim.mesh.mesh import Mesh, reoriented
 from ldsim.mesh.shapes import voxel_mesh
 from ldsim.mesh.surface import surface_triangles
 
+Place = tuple[float, float, float]
+Limb = tuple[Place, Place, float]  # from where, to where, and its radius
 MESHIO_TYPES = {"tet4": "tetra", "hex8": "hexahedron"}
 
 
@@ -53,21 +56,13 @@ def thick() -> Mesh:
 
 def branching() -> Mesh:
     """A trunk of 140 mm with three limbs, of cubes."""
-    limbs = [
-        ([0, 0, 0], [0, 140, 0], 13),
-        ([0, 60, 0], [70, 110, 10], 9),
-        ([0, 85, 0], [-60, 135, -20], 9),
-        ([0, 100, 0], [10, 150, 60], 8),
+    limbs: list[Limb] = [
+        ((0, 0, 0), (0, 140, 0), 13),
+        ((0, 60, 0), (70, 110, 10), 9),
+        ((0, 85, 0), (-60, 135, -20), 9),
+        ((0, 100, 0), (10, 150, 60), 8),
     ]
-    spacing = 5.0
-    low, high = np.array([-80.0, 0.0, -40.0]), np.array([90.0, 165.0, 80.0])
-    counts = ((high - low) / spacing).astype(int)
-    centres = low + spacing * (np.indices(counts).reshape(3, -1).T + 0.5)
-    inside = np.zeros(len(centres), dtype=bool)
-    for start, end, radius in limbs:
-        inside |= _from_segment(centres, np.array(start, float), np.array(end, float)) <= radius
-    mesh = voxel_mesh(inside.reshape(tuple(counts)), 1e-3 * spacing)
-    return _bent(mesh, mesh.vertices + 1e-3 * low)
+    return _of_limbs(limbs, 5.0, (-80, 0, -40), (90, 165, 80))
 
 
 def plate() -> Mesh:
@@ -124,8 +119,31 @@ def hexes() -> Mesh:
     return _bent(mesh, np.stack([x, np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z], axis=1))
 
 
+def antler() -> Mesh:
+    """A slender branch of 300 mm with five tines, of cubes."""
+    limbs: list[Limb] = [
+        ((0, 0, 0), (10, 150, 0), 10),
+        ((10, 150, 0), (-30, 300, 20), 8),
+        ((5, 80, 0), (90, 150, 30), 7),
+        ((10, 140, 0), (100, 230, -20), 7),
+        ((-5, 205, 8), (-100, 260, -10), 7),
+        ((90, 150, 30), (110, 210, 60), 6),
+        ((-15, 245, 12), (20, 290, 80), 6),
+    ]
+    return _of_limbs(limbs, 3.5, (-115, 0, -45), (120, 315, 95))
+
+
+def cushion() -> Mesh:
+    """A pear 120 mm wide and some 100 high, with a flat foot."""
+    mesh = _grid((16, 16, 16), (2.0, 2.0, 2.0))
+    x, y, z = mesh.vertices.T - 1.0
+    disc = _disc(np.stack([x, z], axis=1))
+    width = 0.06 * (1 - 0.25 * (y + 1) + 0.1 * np.sin(2 * y))
+    return _bent(mesh, np.stack([width * disc[:, 0] + 0.01 * (y + 1) ** 2, 0.05 * y, 0.8 * width * disc[:, 1]], axis=1))
+
+
 SOLIDS: dict[str, Callable[[], Mesh | tuple[Array, NDArray[np.int32]]]] = {
-    made.__name__: made for made in (slender, thick, branching, plate, ring, bracket, blob, hexes)
+    made.__name__: made for made in (slender, thick, branching, plate, ring, bracket, blob, hexes, antler, cushion)
 }
 
 
@@ -147,6 +165,18 @@ def _disc(square: Array) -> Array:
     largest, length = np.abs(square).max(axis=1), np.linalg.norm(square, axis=1)
     shared: Array = square * (0.2 + 0.8 * largest / np.maximum(length, 1e-12))[:, None]
     return shared
+
+
+def _of_limbs(limbs: list[Limb], spacing: float, low: Place, high: Place) -> Mesh:
+    """Tets of the cubes whose middle is inside a limb; all lengths in millimetres."""
+    corner = np.array(low, dtype=float)
+    counts = ((np.array(high) - corner) / spacing).astype(int)
+    centres = corner + spacing * (np.indices(counts).reshape(3, -1).T + 0.5)
+    inside = np.zeros(len(centres), dtype=bool)
+    for start, end, radius in limbs:
+        inside |= _from_segment(centres, np.array(start, float), np.array(end, float)) <= radius
+    mesh = voxel_mesh(inside.reshape(tuple(counts)), 1e-3 * spacing)
+    return _bent(mesh, mesh.vertices + 1e-3 * corner)
 
 
 def _from_segment(points: Array, start: Array, end: Array) -> Array:

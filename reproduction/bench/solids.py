@@ -1,4 +1,4 @@
-"""What a user gets who asks for an error: eight solids, each by `ldsim new` and `ldsim make --error` and nothing else.
+"""What a user gets who asks for an error: ten solids, each by `ldsim new` and `ldsim make --error` and nothing else.
 
 The files are made by reproduction/bench/solid_files.py. A row tells what was derived, what rounds it took, and how far
 the model is off on fresh pulls (the statement of its report) and on the test motion of its configuration. Finished runs
@@ -8,12 +8,10 @@ reproduction/results/solids.json.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.report.overview import report_of
@@ -21,7 +19,7 @@ from ldsim.report.schema import RunNumbers
 from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
 from reproduction.bench.solid_files import SOLIDS, write_solid
-from reproduction.harness import RESULTS, Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, parser, row, rows_before, show, write_results
 
 NAME, ASKED = "solids", 5.0
 INPUTS = ("reproduction/bench/solid_files.py", "ldsim/settings/new.py", "ldsim/settings/derived.py")
@@ -75,21 +73,12 @@ def main() -> None:
     arguments.add_argument("--folder", type=Path, default=Path("runs") / "solids", help="where files and runs lie")
     arguments.add_argument("--minutes", type=float, default=20.0, help="after which no round is begun")
     given = arguments.parse_args()
-    rows = {name: _before(name) for name in SOLIDS}
+    rows = {name: rows_before(NAME, name) for name in SOLIDS}
     for name in given.solids or SOLIDS:
         rows[name] = made(name, given.folder.resolve(), given.minutes)
         show(rows[name], name)
         joined = [each for some in rows.values() for each in some]
         write_results(NAME, called(NAME), joined, inputs=INPUTS)
-
-
-def _before(name: str) -> list[Row]:
-    """The rows of a solid in the results that are there."""
-    try:
-        content: dict[str, Any] = json.loads((RESULTS / f"{NAME}.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return []
-    return [each for each in content["rows"] if each["model"] == name]
 
 
 if __name__ == "__main__":
