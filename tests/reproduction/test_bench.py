@@ -26,6 +26,7 @@ BENCHES = [
         "newcomer",
         "novelty",
         "pipeline",
+        "quadratic",
         "released",
         "runtime",
         "soak",
