@@ -37,6 +37,7 @@ SHARED = ("scene", "snapshots", "tests", "basis")
 ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "pipeline")]
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
+SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seeds
 
 
 def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
@@ -82,9 +83,14 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
             if latent or (seed, role) not in rivals:
                 rows.append(row(model, f"{ERROR}, {label}", found.error))
                 rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
+        first = (seed, role) not in rivals
         rivals.setdefault((seed, role), [each for each in spaces if each.space != "latent"])
         latents = [each for each in spaces if each.space == "latent"]
         own, equal, best = equal_error([*latents, *rivals[seed, role]])
+        for name, each in ((kind, own), *((("best linear", best),) if first else ())):
+            if each is not None:
+                rows.append(row(model, f"error, {role}, {name}, seed {seed}", each.error))
+                rows.append(row(model, f"step, {role}, {name}, seed {seed}", 1e3 * each.seconds, "ms"))
         if own is not None and best is not None and math.isfinite(own.error):
             ratio = math.nan if equal is None else equal.seconds / own.seconds
             label = f"{role}, {kind}, seed {seed}"
@@ -94,13 +100,13 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
 
 
 def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
-    """Of every ratio the least, the middle one and the largest, where no seed lacks it.
+    """Of every ratio, error and step the least, the middle one and the largest, where no seed lacks it.
 
     A seed has no ratio of steps where no linear space is as good, none of errors where all linear spaces were lost, and
     no rows of either where the latent space was.
     """
     found: list[Row] = []
-    names = dict.fromkeys(r["quantity"].rsplit(", seed", 1)[0] for r in rows if " over " in r["quantity"])
+    names = dict.fromkeys(r["quantity"].rsplit(", seed", 1)[0] for r in rows if SUMMED.match(r["quantity"]))
     for name in names:
         values = [r["value"] for r in rows if r["quantity"].startswith(f"{name}, seed")]
         if len(values) < len(SEEDS) or None in values:

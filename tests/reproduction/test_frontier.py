@@ -55,6 +55,24 @@ def test_every_space_of_a_run_is_measured_and_the_latent_one_beside_the_rivals_o
     assert sum(each["quantity"].startswith(f"{STEP}, {role}") for each in beside) == 1
     ratio = next(each for each in beside if each["quantity"] == RATIO.replace("test", role) + ", seed 1")
     assert ratio["value"] == pytest.approx(3)
+    told = {each["quantity"]: each["value"] for each in [*rows, *beside]}
+    assert told[f"error, {role}, autoencoder, seed 1"] == told[f"error, {role}, condensed, seed 1"] == latent.error
+    least = min(each.error for each in spaces if each.space != "latent")
+    assert told[f"error, {role}, best linear, seed 1"] == least
+    # the linear spaces of a seed are told once, with the run that they were fitted in
+    assert not [each for each in beside if f"{role}, best linear" in each["quantity"]]
+
+
+def test_errors_and_steps_have_a_range_over_the_seeds_too() -> None:
+    rows = [
+        row("solid", f"{what}, test, condensed, seed {seed}", seed / 10)
+        for what in ("error", "step")
+        for seed in (3, 1, 2)
+    ]
+    rows += [row("solid", f"online error, test, linear 9, 4 points, seed {seed}", 1.0) for seed in (1, 2, 3)]
+    summed = {each["quantity"]: each["value"] for each in over_seeds("solid", rows)}
+    assert len(summed) == 6
+    assert summed["error, test, condensed, middle"] == summed["step, test, condensed, middle"] == pytest.approx(0.2)
 
 
 def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
