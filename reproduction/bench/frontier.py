@@ -90,7 +90,7 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
         for name, each in ((kind, own), *((("best linear", best),) if first else ())):
             if each is not None:
                 rows.append(row(model, f"error, {role}, {name}, seed {seed}", each.error))
-                rows.append(row(model, f"step, {role}, {name}, seed {seed}", 1e3 * each.seconds, "ms"))
+                rows.append(row(model, f"step, {role}, {name}, seed {seed}", 1e6 * each.seconds, "µs"))
         if own is not None and best is not None and math.isfinite(own.error):
             ratio = math.nan if equal is None else equal.seconds / own.seconds
             label = f"{role}, {kind}, seed {seed}"
