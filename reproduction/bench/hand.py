@@ -25,7 +25,7 @@ from ldsim.pipeline.comparison import Reference
 from ldsim.pipeline.options import MotionOptions
 from ldsim.pipeline.snapshot import motion
 from ldsim.run import Run
-from reproduction.bench.solid_files import SOLIDS
+from reproduction.bench.solid_files import COARSE, SOLIDS, write_solid
 from reproduction.harness import Row, called, parser, row, rows_before, show, write_results
 from reproduction.reduced_runs import played
 from tests.viewer.browser import Tab, chromium
@@ -42,8 +42,10 @@ SEEN = """(() => { const seen = [], all = ldsim.positions(0).length / 3;
 
 
 def record(config: Path, output: Path, seed: int) -> None:
-    """Record a motion of a configuration's solid with a scripted pointer."""
+    """Record a motion of a configuration's solid with a scripted pointer, on a coarse mesh where it has one."""
     command = [sys.executable, "-m", "ldsim", "record", config.name, "--output", str(output)]
+    if (coarse := f"{config.stem}_coarse") in COARSE:
+        command += ["--mesh", str(write_solid(coarse, config.parent))]
     with subprocess.Popen(
         [*command, "--no-browser", "--until-closed"], cwd=config.parent, stdout=subprocess.PIPE, text=True
     ) as process:

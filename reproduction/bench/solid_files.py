@@ -25,8 +25,8 @@ MESHIO_TYPES = {"tet4": "tetra", "hex8": "hexahedron"}
 
 
 def write_solid(name: str, folder: Path) -> Path:
-    """Write the file of a solid into a folder; returns its path."""
-    made = SOLIDS[name]()
+    """Write the file of a solid, or of the coarse one of that name, into a folder; returns its path."""
+    made = (SOLIDS | COARSE)[name]()
     if isinstance(made, Mesh):
         path, cells = folder / f"{name}.vtu", [(MESHIO_TYPES[made.cell_type], made.cells)]
         content = meshio.Mesh(made.vertices, cells)
@@ -119,8 +119,8 @@ def hexes() -> Mesh:
     return _bent(mesh, np.stack([x, np.cos(turn) * y - np.sin(turn) * z, np.sin(turn) * y + np.cos(turn) * z], axis=1))
 
 
-def antler() -> Mesh:
-    """A slender branch of 300 mm with five tines, of cubes."""
+def antler(spacing: float = 3.5) -> Mesh:
+    """A slender branch of 300 mm with five tines, of cubes of so many millimetres."""
     limbs: list[Limb] = [
         ((0, 0, 0), (10, 150, 0), 10),
         ((10, 150, 0), (-30, 300, 20), 8),
@@ -130,12 +130,12 @@ def antler() -> Mesh:
         ((90, 150, 30), (110, 210, 60), 6),
         ((-15, 245, 12), (20, 290, 80), 6),
     ]
-    return _of_limbs(limbs, 3.5, (-115, 0, -45), (120, 315, 95))
+    return _of_limbs(limbs, spacing, (-115, 0, -45), (120, 315, 95))
 
 
-def cushion() -> Mesh:
-    """A pear 120 mm wide and some 100 high, with a flat foot."""
-    mesh = _grid((16, 16, 16), (2.0, 2.0, 2.0))
+def cushion(cubes: int = 16) -> Mesh:
+    """A pear 120 mm wide and some 100 high, with a flat foot, of so many cubes in each direction."""
+    mesh = _grid((cubes, cubes, cubes), (2.0, 2.0, 2.0))
     x, y, z = mesh.vertices.T - 1.0
     disc = _disc(np.stack([x, z], axis=1))
     width = 0.06 * (1 - 0.25 * (y + 1) + 0.1 * np.sin(2 * y))
@@ -144,6 +144,11 @@ def cushion() -> Mesh:
 
 SOLIDS: dict[str, Callable[[], Mesh | tuple[Array, NDArray[np.int32]]]] = {
     made.__name__: made for made in (slender, thick, branching, plate, ring, bracket, blob, hexes, antler, cushion)
+}
+# The same solids as meshes that are coarse enough to be pulled at in the full space.
+COARSE: dict[str, Callable[[], Mesh]] = {
+    "antler_coarse": lambda: antler(5.5),
+    "cushion_coarse": lambda: cushion(9),
 }
 
 
