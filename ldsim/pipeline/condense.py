@@ -157,6 +157,8 @@ def _slaved_basis(pieces: list[Piece], run: Run, most: int) -> Basis:
 def _samples(pieces: list[Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:
     columns: dict[str, list[Array]] = {}
     for arrays in (piece.read() for piece in pieces):
+        if not len(arrays["z"]):  # every pose of this piece was lost
+            continue
         along = arrays["along"].astype(np.float64)
         rows = slaved.project(along.reshape(-1, along.shape[2])).reshape(*along.shape[:2], slaved.k)
         projected = {"slaved": slaved.project(arrays["slaved"].astype(np.float64)), "along": rows}

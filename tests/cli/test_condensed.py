@@ -217,3 +217,22 @@ def test_a_solid_without_an_equilibrium_wherever_it_was_taken_is_told(
     monkeypatch.setattr(condense.Relaxation, "from_pose", refused)
     result = again.invoke("train")
     assert result.exit_code == 1 and "none of 48 poses has a stable equilibrium" in result.output
+
+
+def test_poses_without_an_equilibrium_that_come_together_are_left_out(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    relaxed = relaxed_poses.ChosenPoses.relaxed
+
+    def first_lost(poses: Any, piece: int) -> dict[str, Any]:
+        found = relaxed(poses, piece)
+        return {name: each[:0] for name, each in found.items()} if piece == 0 else found
+
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again = Experiment(tmp_path)
+    (again.run / "model.h5").unlink()
+    monkeypatch.setattr(relaxed_poses.ChosenPoses, "relaxed", first_lost)
+    result = again.invoke("train")
+    # of 24 poses the first eight and one beside each, and all six of the round of own runs
+    assert result.exit_code == 0, result.output
+    assert "28 of 60 poses have no stable equilibrium" in result.output
