@@ -76,18 +76,18 @@ def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, 
     """
     rows = []
     for role in ROLES:
+        first = (seed, role) not in rivals
         for found in (spaces := on_role(run, role)):
             latent = found.space == "latent"
             sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
             label = f"{role}, {kind if latent else 'linear'} {sizes}, seed {seed}"
-            if latent or (seed, role) not in rivals:
+            if latent or first:
                 rows.append(row(model, f"{ERROR}, {label}", found.error))
                 rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
-        first = (seed, role) not in rivals
         rivals.setdefault((seed, role), [each for each in spaces if each.space != "latent"])
         latents = [each for each in spaces if each.space == "latent"]
         own, equal, best = equal_error([*latents, *rivals[seed, role]])
-        for name, each in ((kind, own), *((("best linear", best),) if first else ())):
+        for name, each in {kind: own, "best linear": best if first else None}.items():
             if each is not None:
                 rows.append(row(model, f"error, {role}, {name}, seed {seed}", each.error))
                 rows.append(row(model, f"step, {role}, {name}, seed {seed}", 1e6 * each.seconds, "µs"))

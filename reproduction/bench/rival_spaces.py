@@ -2,9 +2,10 @@
 
 One is a quadratic manifold (reproduction/rivals/quadratic_manifold.py). The other is a linear space whose grabs act in
 series with the residual compliance, as those of a condensed space do, so that linear spaces have had the same help.
-Each finished run has an autoencoder. Every space learns from the same frames, those of synthetic motions included; the
-ridge of the quadratic fit is chosen on the motions of role validation. All are stepped with every element integrated,
-so that no cubature rule plays a part. Results go to reproduction/results/rival_spaces.json.
+Each finished run has an autoencoder and a validation motion. Every space learns from the same frames, those of
+synthetic motions included; the ridge of the quadratic fit is chosen on the validation motions, as nothing of an
+autoencoder is. All are stepped with every element integrated, so that no cubature rule plays a part. Results go to
+reproduction/results/rival_spaces.json.
 """
 
 from __future__ import annotations
@@ -39,9 +40,7 @@ def steppers(run: Run) -> tuple[dict[str, EveryElement | ReducedStepper], float]
     scene, basis, r = run.scene, run.basis, run.model.decoder.r
     q, synthetic = training_coordinates(run), run.pca.synthetic
     learned = q if synthetic is None else np.concatenate([q, synthetic])
-    # a run that keeps back no motion is judged by its own frames
-    back = run.chunks("validation") if run.snapshots.with_role("validation") else run.chunks("train")
-    kept_back, begun = all_coordinates(back, basis), time.perf_counter()
+    kept_back, begun = all_coordinates(run.chunks("validation"), basis), time.perf_counter()
     sizes = sorted({r, LARGER})
     decoders = {f"quadratic {size}": chosen(learned, kept_back, size, RIDGES) for size in sizes}
     seconds = time.perf_counter() - begun
