@@ -57,6 +57,7 @@ def test_every_space_of_a_run_is_measured_and_the_latent_one_beside_the_rivals_o
     assert ratio["value"] == pytest.approx(3)
     told = {each["quantity"]: each["value"] for each in [*rows, *beside]}
     assert told[f"error, {role}, autoencoder, seed 1"] == told[f"error, {role}, condensed, seed 1"] == latent.error
+    assert told[f"step, {role}, condensed, seed 1"] == pytest.approx(1e6 * latent.seconds)  # microseconds
     least = min(each.error for each in spaces if each.space != "latent")
     assert told[f"error, {role}, best linear, seed 1"] == least
     # the linear spaces of a seed are told once, with the run that they were fitted in
