@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldsim.errors import SettingsError
-from ldsim.pipeline.choice_of_space import Standing, equal_error
+from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
 from ldsim.report.frontier import dimension, on_role, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
@@ -68,35 +68,53 @@ def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tu
         yield kind, seed, finished(folder, own, ("simulate",), base)
 
 
-def rows_of(model: str, kind: str, seed: int, run: Run, rivals: dict[tuple[int, str], list[Standing]]) -> list[Row]:
-    """What a run measured, and its latent space beside the linear ones of the same seed.
-
-    Args:
-        rivals: the linear spaces of each seed and role; those of this run are added.
-    """
+def rows_of(model: str, kind: str, seed: int, run: Run, linear: bool) -> list[Row]:
+    """What a run measured of its latent space, and of its linear ones where they are wanted."""
     rows = []
     for role in ROLES:
-        first = (seed, role) not in rivals
-        for found in (spaces := on_role(run, role)):
+        for found in on_role(run, role):
             latent = found.space == "latent"
-            sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
-            label = f"{role}, {kind if latent else 'linear'} {sizes}, seed {seed}"
-            if latent or first:
+            if latent or linear:
+                sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
+                label = f"{role}, {kind if latent else 'linear'} {sizes}, seed {seed}"
                 rows.append(row(model, f"{ERROR}, {label}", found.error))
                 rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
-        rivals.setdefault((seed, role), [each for each in spaces if each.space != "latent"])
-        latents = [each for each in spaces if each.space == "latent"]
-        own, equal, best = equal_error([*latents, *rivals[seed, role]])
-        for name, each in {kind: own, "best linear": best if first else None}.items():
-            if each is not None:
-                rows.append(row(model, f"error, {role}, {name}, seed {seed}", each.error))
-                rows.append(row(model, f"step, {role}, {name}, seed {seed}", 1e6 * each.seconds, "µs"))
-        if own is not None and best is not None and math.isfinite(own.error):
-            ratio = math.nan if equal is None else equal.seconds / own.seconds
-            label = f"{role}, {kind}, seed {seed}"
-            rows.append(row(model, f"linear step over latent step at equal error, {label}", ratio))
-            rows.append(row(model, f"least linear error over latent error, {label}", best.error / own.error))
     return rows
+
+
+def compared(model: str, rows: Sequence[Row]) -> list[Row]:
+    """Every latent space beside the linear ones of its seed, and the best of those, from the rows of all runs."""
+    found = []
+    for role in ROLES:
+        own = list(marks(rows, role))
+        for seed in SEEDS:
+            linear = [standing(mark) for mark in own if mark.seed == seed and mark.kind == "linear"]
+            if best := min(linear, key=lambda each: each.error, default=None):
+                found += error_and_step(model, f"{role}, best linear, seed {seed}", best)
+            for mark in (mark for mark in own if mark.seed == seed and mark.kind != "linear"):
+                latent, equal, best = equal_error([standing(mark), *linear])
+                label = f"{role}, {mark.kind}, seed {seed}"
+                found += error_and_step(model, label, standing(mark))
+                if latent is not None and best is not None and math.isfinite(latent.error):
+                    ratio = math.nan if equal is None else equal.seconds / latent.seconds
+                    found.append(row(model, f"linear step over latent step at equal error, {label}", ratio))
+                    found.append(
+                        row(model, f"least linear error over latent error, {label}", best.error / latent.error)
+                    )
+    return found
+
+
+def standing(mark: Mark) -> Standing:
+    """A mark as what the choice of a space compares."""
+    return Standing("linear" if mark.kind == "linear" else LATENT, mark.error, mark.ms / 1e3)
+
+
+def error_and_step(model: str, label: str, found: Standing) -> list[Row]:
+    """The two rows of a space that stand beside those of others."""
+    return [
+        row(model, f"error, {label}", found.error),
+        row(model, f"step, {label}", 1e6 * found.seconds, "µs"),
+    ]
 
 
 def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
@@ -129,20 +147,20 @@ class Mark(NamedTuple):
 
 
 def marks(rows: Sequence[Row], role: str) -> Iterator[Mark]:
-    """Every space that was not lost on the motions of a role."""
+    """Every space on the motions of a role; the error of one that was lost is infinite."""
     value = {r["quantity"]: r["value"] for r in rows}
     for name, ms in value.items():
         if told := re.fullmatch(rf"{STEP}, ({role}, (\w+) (\d+), .*, seed (\d+))", name):
             error = value[f"{ERROR}, {told[1]}"]
-            if error is not None:
-                yield Mark(told[2], int(told[3]), int(told[4]), ms, error)
+            ms, error = math.nan if ms is None else ms, math.inf if error is None else error
+            yield Mark(told[2], int(told[3]), int(told[4]), ms, error)
 
 
 def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     """Online error on the motions of a role against the median step: every space, every seed."""
     figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
     named = set()
-    for mark in marks(rows, role):
+    for mark in (each for each in marks(rows, role) if math.isfinite(each.error)):
         colour = PALETTE[COLOURS[mark.kind]]
         label = "" if mark.kind in named else mark.kind
         ax.plot(mark.ms, 100 * mark.error, "o", color=colour, markersize=4, label=label)
@@ -164,14 +182,15 @@ def main() -> None:
     arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
     arguments.add_argument("--again", action="store_true", help="step the motions anew")
     given = arguments.parse_args()
-    rows, model = list[Row](), load_settings(given.configurations[0]).experiment
-    rivals: dict[tuple[int, str], list[Standing]] = {}
+    rows, model, seen = list[Row](), load_settings(given.configurations[0]).experiment, set[int]()
     for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again):
         with Run.open(folder) as run:
-            rows += rows_of(model, kind, seed, run, rivals)
+            rows += rows_of(model, kind, seed, run, linear=seed not in seen)
+            seen.add(seed)
             if kind == "condensed" and seed == SEEDS[0]:
                 for motion in run.played.names:
                     rows += floors(run, motion, f"{motion} ({run.recorded(motion).role})")
+    rows += compared(model, rows)
     rows += over_seeds(model, rows)
     show(rows, model)
     own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 
-from ldsim.pipeline.choice_of_space import Standing
 from ldsim.report.frontier import on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
-from reproduction.bench import frontier
-from reproduction.bench.frontier import ERROR, STEP, marks, over_seeds, picture, rows_of, seeded
+from reproduction.bench.frontier import ERROR, STEP, compared, marks, over_seeds, picture, rows_of, seeded
 from reproduction.harness import ROOT, Row, row
 from tests.report.small_run import write_run
 
@@ -31,37 +30,44 @@ def told(rows: list[Row]) -> dict[str, float]:
     return {each["quantity"].removeprefix(f"{RATIO}, "): each["value"] for each in rows}
 
 
-def test_a_latent_space_that_was_lost_has_no_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_run(tmp_path)
-    spaces = [Standing("latent", float("inf"), 1e-5), Standing("linear", 0.1, 1e-5)]
-    monkeypatch.setattr(frontier, "on_role", lambda run, role: spaces if role == "train" else [])
-    with Run.open(tmp_path) as run:
-        rows = rows_of("solid", "autoencoder", 1, run, {})
-    assert [each["value"] for each in rows if each["quantity"].startswith(ERROR)] == [None, 0.1]
-    assert not [each for each in rows if " over " in each["quantity"]]
+def test_a_latent_space_that_was_lost_has_no_ratios() -> None:
+    rows = compared("solid", [*measured("autoencoder 9", math.inf, 10), *measured("linear 9", 0.1, 10)])
+    values = {each["quantity"]: each["value"] for each in rows}
+    assert values["error, test, autoencoder, seed 1"] is None
+    assert values["error, test, best linear, seed 1"] == 0.1
+    assert not [each for each in values if " over " in each]
 
 
-def test_every_space_of_a_run_is_measured_and_the_latent_one_beside_the_rivals_of_its_seed(tmp_path: Path) -> None:
+def measured(space: str, error: float, us: float, seed: int = 1) -> list[Row]:
+    label = f"test, {space}, 24 points, seed {seed}"
+    return [row("solid", f"{ERROR}, {label}", error), row("solid", f"{STEP}, {label}", us / 1e3, "ms")]
+
+
+def test_every_space_of_a_run_is_measured_and_linear_ones_where_they_are_wanted(tmp_path: Path) -> None:
     write_run(tmp_path)
     with Run.open(tmp_path) as run:
         role = next(role for role in ("test", "validation", "train") if on_role(run, role))
         spaces = on_role(run, role)
-        latent = next(each for each in spaces if each.space == "latent")
-        rows = rows_of("solid", "autoencoder", 1, run, {})
-        # a linear space of the same seed that another run has measured: as good, and three times as slow
-        rivals = {(1, role): [Standing("linear_9", 0.9 * latent.error, 3 * latent.seconds)]}
-        beside = rows_of("solid", "condensed", 1, run, rivals)
-    assert sum(each["quantity"].startswith(f"{ERROR}, {role}") for each in rows) == len(spaces)
-    assert sum(each["quantity"].startswith(f"{STEP}, {role}") for each in beside) == 1
-    ratio = next(each for each in beside if each["quantity"] == RATIO.replace("test", role) + ", seed 1")
-    assert ratio["value"] == pytest.approx(3)
-    told = {each["quantity"]: each["value"] for each in [*rows, *beside]}
-    assert told[f"error, {role}, autoencoder, seed 1"] == told[f"error, {role}, condensed, seed 1"] == latent.error
-    assert told[f"step, {role}, condensed, seed 1"] == pytest.approx(1e6 * latent.seconds)  # microseconds
-    least = min(each.error for each in spaces if each.space != "latent")
-    assert told[f"error, {role}, best linear, seed 1"] == least
-    # the linear spaces of a seed are told once, with the run that they were fitted in
-    assert not [each for each in beside if f"{role}, best linear" in each["quantity"]]
+        all_of_them, latent = (rows_of("solid", "autoencoder", 1, run, linear) for linear in (True, False))
+    for rows, count in ((all_of_them, len(spaces)), (latent, 1)):
+        for what in (ERROR, STEP):
+            assert sum(each["quantity"].startswith(f"{what}, {role}") for each in rows) == count
+    assert {(mark.error, mark.ms) for mark in marks(all_of_them, role)} == {
+        (each.error, 1e3 * each.seconds) for each in spaces
+    }
+
+
+def test_a_latent_space_is_compared_with_the_fastest_as_good_and_with_the_best_of_its_seed() -> None:
+    rows = [*measured("condensed 9", 0.1, 10), *measured("autoencoder 9", 0.01, 10), *measured("condensed 9", 1, 1, 2)]
+    rows += [*measured("linear 20", 0.1, 30), *measured("linear 40", 0.05, 60), *measured("linear 9", 0.5, 5)]
+    values = {each["quantity"]: each["value"] for each in compared("solid", rows)}
+    assert values[f"{RATIO}, seed 1"] == pytest.approx(3)
+    assert values["least linear error over latent error, test, condensed, seed 1"] == pytest.approx(0.5)
+    assert values["error, test, best linear, seed 1"] == 0.05
+    assert values["step, test, best linear, seed 1"] == pytest.approx(60)  # microseconds
+    # none is as good as the autoencoder, and the other seed has no linear spaces
+    assert values[RATIO.replace("condensed", "autoencoder") + ", seed 1"] is None
+    assert f"{RATIO}, seed 2" not in values and "error, test, best linear, seed 2" not in values
 
 
 def test_errors_and_steps_have_a_range_over_the_seeds_too() -> None:
@@ -77,14 +83,19 @@ def test_errors_and_steps_have_a_range_over_the_seeds_too() -> None:
 
 
 def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
-    measured = {"linear 20, 24 points": (0.03, 0.1), "condensed 10, 24 points": (0.02, 0.02)}
+    spaces = {"linear 20, 24 points": (0.03, 0.1), "condensed 10, 24 points": (0.02, 0.02)}
     rows = []
-    for label, (ms, error) in measured.items():
+    for label, (ms, error) in spaces.items():
         for seed in (1, 2):
             lost = label.startswith("linear") and seed == 2
             rows.append(row("solid", f"{STEP}, test, {label}, seed {seed}", ms * seed, "ms"))
             rows.append(row("solid", f"{ERROR}, test, {label}, seed {seed}", float("inf") if lost else error))
-    expected = [("linear", 20, 1, 0.03, 0.1), ("condensed", 10, 1, 0.02, 0.02), ("condensed", 10, 2, 0.04, 0.02)]
+    expected = [
+        ("linear", 20, 1, 0.03, 0.1),
+        ("linear", 20, 2, 0.06, math.inf),
+        ("condensed", 10, 1, 0.02, 0.02),
+        ("condensed", 10, 2, 0.04, 0.02),
+    ]
     assert list(marks(rows, "test")) == expected and not list(marks(rows, "validation"))
     drawn = picture(rows, "solid")
     assert all(word in drawn for word in (">condensed<", ">linear<", ">20<", ">10<"))
