@@ -20,7 +20,8 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "enrichment", "examples", "frontier"),
+    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "derived", "enrichment"),
+    *("examples", "frontier"),
     *("full_space", "fuzz", "hand"),
     *(
         "newcomer",

@@ -1,0 +1,114 @@
+"""The solids of the paper with derived settings only, beside the settings that were found for them by hand.
+
+    python -m reproduction.bench.derived beam dragon --frontiers runs/frontier --folder runs/derived
+
+Scene and motions are those of reproduction/bench/condensed_<solid>.yaml. All else is what `ldsim new` writes for the
+mesh and what the rounds of `ldsim make --error` then change; they are judged by the validation motions. The same role's
+error of the settings by hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of
+that benchmark are used again where they lie. Results go to reproduction/results/derived.json.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from ldsim.pipeline.convergence import read_rounds
+from ldsim.report.frontier import on_role
+from ldsim.report.schema import ROLES
+from ldsim.run import Run
+from ldsim.settings import Settings, load_settings
+from ldsim.settings.enrich import current
+from reproduction.harness import ROOT, Row, called, linked, parser, row, rows_before, show, write_results
+
+NAME, ASKED = "derived", 5.0
+SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
+SHARED = ("scene", "snapshots", "tests")
+INPUTS = ("ldsim/settings", *(f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "pipeline")))
+KINDS = {"derived": "latent", "derived, its linear space": "linear"}
+
+
+def by_hand(solid: str) -> Path:
+    """The configuration whose scene and motions are taken."""
+    own = "frontier" if solid == "x" else "condensed"
+    return ROOT / "reproduction" / "bench" / f"{own}_{solid}.yaml"
+
+
+def written(solid: str, folder: Path) -> Path:
+    """A configuration of scene and motions by hand, and of what `ldsim new` derives of the mesh."""
+    hand, place = load_settings(by_hand(solid)), folder / f"{solid}.yaml"
+    looked_at = folder / f"{solid}_new.yaml"
+    if not looked_at.exists():
+        _call(folder, "new", str(hand.mesh.file), "--unit", "m", "--output", looked_at.name)
+    new = load_settings(looked_at)
+    taken = {name: getattr(new, name) for name in ("pca", "train", "cubature")}
+    text = Settings(experiment=solid, mesh=hand.mesh, snapshot=hand.snapshot, **taken).dump(defaults=False)
+    if not place.exists() or place.read_text(encoding="utf-8") != text:
+        place.write_text(text, encoding="utf-8")
+    return place
+
+
+def _call(folder: Path, *arguments: str) -> int:
+    return subprocess.run([sys.executable, "-m", "ldsim", *arguments], cwd=folder, check=False).returncode
+
+
+def made(solid: str, folder: Path, frontiers: Path, minutes: float) -> list[Row]:
+    """The rows of one solid."""
+    folder.mkdir(parents=True, exist_ok=True)
+    config, started = written(solid, folder), time.perf_counter()
+    if (frontiers / solid).is_dir():
+        linked(frontiers / solid, folder / "runs" / solid, SHARED)
+    status = _call(folder, "make", config.name, "--error", f"{ASKED:g}%", "--minutes", f"{minutes:g}")
+    train, rounds = load_settings(current(config)).train, read_rounds(folder / "runs" / solid)
+    rows = [
+        row(solid, "exit status", status),
+        row(solid, "time", time.perf_counter() - started, "s"),
+        row(solid, "rounds of own runs", train.condensed.rounds),
+        row(solid, "layers", " ".join(map(str, train.hidden))),
+        *(
+            row(solid, f"worst pull of the validation motions, round {i}", each.error)
+            for i, each in enumerate(rounds, 1)
+        ),
+    ]
+    with Run.open(folder / "runs" / solid) as run:
+        rows.append(row(solid, "r", run.model.decoder.r, "", "<= 16"))
+        for role in ROLES:
+            rows += judged(solid, role, run)
+    return rows
+
+
+def judged(solid: str, role: str, run: Run) -> list[Row]:
+    """Errors and steps of a role's motions, and those of the settings by hand."""
+    rows = []
+    for name, space in KINDS.items():
+        for found in (each for each in on_role(run, role) if each.space == space):
+            rows.append(row(solid, f"error, {role}, {name}", found.error))
+            rows.append(row(solid, f"step, {role}, {name}", 1e6 * found.seconds, "µs"))
+    before = {each["quantity"]: each["value"] for each in rows_before(f"frontier_{solid}", solid)}
+    for what, unit in {"error": "", "step": "µs"}.items():
+        for which in ("least", "middle", "largest"):
+            label = f"{what}, {role}, condensed, {which}"
+            if label in before:
+                rows.append(row(solid, f"{what}, {role}, by hand, {which}", before[label], unit))
+    return rows
+
+
+def main() -> None:
+    arguments = parser(NAME, __doc__)
+    arguments.add_argument("solids", nargs="+", choices=SOLIDS, help="which")
+    arguments.add_argument("--folder", type=Path, default=Path("runs") / NAME, help="where files and runs lie")
+    arguments.add_argument("--frontiers", type=Path, default=Path("runs") / "frontier", help="where those runs lie")
+    arguments.add_argument("--minutes", type=float, default=20.0, help="after which no round is begun")
+    given = arguments.parse_args()
+    rows = {solid: rows_before(NAME, solid) for solid in SOLIDS}
+    for solid in given.solids:
+        rows[solid] = made(solid, given.folder.resolve(), given.frontiers.resolve(), given.minutes)
+        show(rows[solid], solid)
+        joined = [each for some in rows.values() for each in some]
+        write_results(NAME, called(NAME), joined, inputs=INPUTS)
+
+
+if __name__ == "__main__":
+    main()
