@@ -110,6 +110,12 @@ def _unseen(facts: Facts) -> str | None:
     unseen = facts.bad(training=False) is not None or facts.stated > STATED
     if not unseen or facts.bad(training=True) is not None or facts.poor("autoencoder"):
         return None
+    if facts.train.kind == "condensed" and facts.numbers.rounds:
+        return (
+            "The motions that it learned from do not show what the others do, and the time of `ldsim make --error` was "
+            "up: call it again with a longer `--minutes`, and it goes on where it ended; its last round took "
+            f"{_duration(facts.numbers.rounds[-1].seconds)}."
+        )
     if facts.train.kind == "condensed":
         rounds = facts.train.condensed.rounds
         return (

@@ -11,12 +11,12 @@ import hashlib
 import math
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.training import remove_checkpoints
-from ldsim.pipeline.convergence import Round, improved, pull_errors, write_rounds
+from ldsim.pipeline.convergence import Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
 from ldsim.settings.make import make
@@ -41,11 +41,18 @@ class Enriched:
 
     Args:
         make: runs the stages of a configuration up to one.
+        earlier: the errors of rounds of a call before, which ended at its best one.
     """
 
-    def __init__(self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object]) -> None:
+    def __init__(
+        self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[float] = ()
+    ) -> None:
         self._given, self._runs, self._asked, self._make = config, runs, asked, make
-        self._errors, self._best = list[float](), load_settings(current(config))
+        # where the last round was the best, what changes next is as open as it was then; else what was tried from the
+        # best one did not help
+        self._went_back = len(earlier) > 0 and earlier[-1] > min(earlier)
+        self._errors = list(earlier if self._went_back else earlier[:-1])
+        self._best, self._least = load_settings(current(config)), math.inf
 
     def evaluate(self) -> tuple[float, int]:
         """The largest error of a pull of the validation motions, once what is stale up to the model is made."""
@@ -55,8 +62,8 @@ class Enriched:
         with Run(self._runs / settings.experiment, settings.experiment) as run:
             errors = pull_errors(run)
             error = float(errors.max())
-            if error < min(self._errors, default=math.inf):
-                self._best = settings
+            if error < self._least:
+                self._best, self._least = settings, error
                 shutil.copyfile(run.path("model"), _kept(run))
         self._errors.append(error)
         return error, len(errors)
@@ -69,24 +76,28 @@ class Enriched:
         with Run(self._runs / settings.experiment, settings.experiment) as run:
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
-        changed, words = extended(settings, r, poor_fit, helped)
+        changed, words = extended(settings, r, poor_fit and not self._went_back, helped)
+        self._went_back = False
         if words:
             write_enriched(self._given, changed)
         return words
 
-    def take_best(self) -> None:
-        """Go back to the round that was least off, where a later one was not."""
+    def take_best(self) -> float:
+        """Go back to the round that was least off, where a later one was not; returns its error."""
         with Run(self._runs / self._best.experiment, self._best.experiment) as run:
-            if self._errors[-1] > min(self._errors):
+            if self._errors[-1] > self._least:
                 os.replace(_kept(run), run.path("model"))
                 write_enriched(self._given, self._best)
             _kept(run).unlink(missing_ok=True)
+        return self._least
 
 
 def enrich(
     config: Path, runs: Path, percent: float | None, minutes: float | None, say: Callable[[str], object]
 ) -> list[Round]:
     """Learn until a relative error is held on the validation motions; the rounds lie beside the run for its report.
+
+    Where a call before ended above it, this one goes on from there: its rounds and what it relaxed were kept.
 
     Args:
         percent: the error; None asks for nothing, and no round is run.
@@ -101,14 +112,16 @@ def enrich(
         return []
     asked, seconds = percent / 100, math.inf if minutes is None else 60 * minutes
     few = MARGIN * asked
-    surrogate, rounds = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP)), []
     folder = runs / load_settings(config).experiment
+    rounds = read_rounds(folder) if current(config) != config else []
+    errors = [math.inf if each.error is None else each.error for each in rounds]
+    surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), errors)
     for each in improved(surrogate, few, seconds):
         rounds.append(each)
         say(each.line(len(rounds), asked, few))
         write_rounds(folder, rounds)
-    surrogate.take_best()
-    remove_checkpoints(folder / "model.partial")
+    if surrogate.take_best() <= few:
+        remove_checkpoints(folder / "model.partial")
     return rounds
 
 

@@ -71,7 +71,7 @@ def processors() -> float:
 
 @contextmanager
 def pulled(
-    url: str, size: tuple[int, int] = (1280, 800), least: float = 0.01
+    url: str, size: tuple[int, int] = (1280, 800), least: float = 0.01, middle: float = 0.41
 ) -> Iterator[tuple[Tab, tuple[float, float]]]:
     """The page, where the solid has been dragged and has moved, at the upper middle or else at its right end.
 
@@ -79,6 +79,7 @@ def pulled(
 
     Args:
         least: by which it has moved, m.
+        middle: share of the page's height above which a vertex is the upper middle; 0 for the right end always.
 
     Yields:
         The tab, and where the pointer took hold, pixels.
@@ -88,13 +89,14 @@ def pulled(
         tab.open(url)
         tab.wait("window.ldsim !== undefined && ldsim.ready")
         at = tab.evaluate(
-            f"""(() => {{ let right = null;
+            f"""(() => {{ let right = null, around = [[0, 0], [6, 0], [-6, 0], [0, 6], [0, -6]]; // not at its rim
               before = Array.from(ldsim.positions(0));
               for (let i = 0; i < before.length / 3; i++) {{
                 const [offsetX, offsetY] = ldsim.screen(0, i);
-                if (right && offsetX <= right[0] && offsetY >= {0.41 * size[1]:g}) continue;
-                if (!ldsim.stage.hit({{ offsetX, offsetY }})) continue;
-                if (offsetY < {0.41 * size[1]:g}) return [offsetX, offsetY];
+                if (right && offsetX <= right[0] && offsetY >= {middle * size[1]:g}) continue;
+                const hit = ([x, y]) => ldsim.stage.hit({{ offsetX: offsetX + x, offsetY: offsetY + y }});
+                if (!around.every(hit)) continue;
+                if (offsetY < {middle * size[1]:g}) return [offsetX, offsetY];
                 right = [offsetX, offsetY];
               }}
               return right; }})()"""

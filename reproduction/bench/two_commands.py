@@ -4,9 +4,10 @@
     python -m reproduction.bench.two_commands --folder /tmp/two --film    the film alone, of what was made there before
 
 The commands run on a terminal, as a user's do, and every line that they print is kept with its time, those of bars too.
-The address that the second one prints is opened in Chromium, where the solid is pulled until it has moved. Kernels that
-this machine has compiled before are used. Results go to reproduction/results/two_commands.json, and the film to
-docs/pictures/two_commands.webp: `make pictures` does not make it, for that would take many minutes.
+When the second one has printed its address, all that is kept; then the run is opened again by `ldsim play`, and in
+Chromium the solid is pulled until it has moved. Kernels that this machine has compiled before are used. Results go to
+reproduction/results/two_commands.json, and the film to docs/pictures/two_commands.webp: `make pictures` does not make
+it, for that would take many minutes.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ SHOWS = [*PLAYGROUND, "ldsim/cli/new.py", "ldsim/cli/make.py"]
 PAGE, FILM = (960, 600), (720, 450)
 ROWS, COLUMNS = 27, 104
 FRAMES, PULLED = 24, 20  # of the browser; in so many of them the pointer holds the solid
-FRAME_S, TERMINAL_S, HOLD_S = 0.1, 2.4, 0.6
+FRAME_S, SCREENS, SCREEN_S, HOLD_S = 0.1, 12, 0.3, 0.9  # every screen of the terminal stays long enough to be read
 GROUND, INK, FAINT = "#20262d", "#dde3e9", "#8a949e"
 
 
@@ -109,10 +110,8 @@ def recorded(folder: Path) -> tuple[list[Line], dict[str, float]]:
                 lines.append(line)
                 print(f"{line.second:8.1f} {line.text}" if line.stays else "", end="\n" * line.stays, flush=True)
                 if line.text.startswith("http"):
-                    measured["address"] = line.second - start
-                    measured["moved"] = _filmed(line.text, folder, begun) - start - measured["address"]
                     process.send_signal(signal.SIGINT)
-            measured[name] = measured.get("address", time.perf_counter() - begun - start)
+            measured[name] = _opened(lines[count:]) - start
         assert process.returncode in (0, MISSED), f"{command} ended with {process.returncode}"
         measured[f"{name} status"] = process.returncode
         measured[f"{name} processors"] = processors() - before
@@ -120,10 +119,25 @@ def recorded(folder: Path) -> tuple[list[Line], dict[str, float]]:
     return lines, measured
 
 
-def _filmed(url: str, folder: Path, begun: float) -> float:
-    """Pull at the solid, and take pictures meanwhile; returns when it had moved."""
-    with pulled(url, PAGE) as (tab, at):
-        moved = time.perf_counter()
+def _opened(lines: Sequence[Line]) -> float:
+    """When the address was printed, or else the last line."""
+    return next((line.second for line in lines if line.text.startswith("http")), lines[-1].second)
+
+
+def filmed(folder: Path) -> float:
+    """Open the run again, pull at the solid, and take pictures meanwhile; returns the seconds until it had moved."""
+    with on_terminal(AGAIN, folder, time.perf_counter()) as (process, printed):
+        try:
+            return _pulled_at(next(line.text for line in printed if line.text.startswith("http")), folder)
+        finally:
+            process.send_signal(signal.SIGINT)
+            list(printed)
+
+
+def _pulled_at(url: str, folder: Path) -> float:
+    opened = time.perf_counter()
+    with pulled(url, PAGE, middle=0.0) as (tab, at):
+        moved = time.perf_counter() - opened
         for i in range(FRAMES):
             angle = 2 * math.pi * i / PULLED
             if i < PULLED:
@@ -131,18 +145,19 @@ def _filmed(url: str, folder: Path, begun: float) -> float:
             elif i == PULLED:
                 tab.mouse("mouseReleased", at)
             tab.picture(folder / f"frame_{i:02d}.png")
-    return moved - begun
+    return moved
 
 
 def film(folder: Path, lines: Sequence[Line]) -> bytes:
     """The lines as they pass, much faster than they came, by a clock; then what the browser showed."""
-    stops = next(line.second for line in lines if line.text.startswith("http")) + 1
+    stops = _opened(lines) + 1
     # as many instants by the clock as by the lines: both hours of a bar and a burst of lines are seen
-    half = max(round(TERMINAL_S / FRAME_S / 2), 2)
+    half = SCREENS // 2
     staying = [line.second for line in lines if line.stays and line.second < stops]
     instants = [stops * (i + 1) / half for i in range(half)]
     instants += [staying[i * (len(staying) - 1) // (half - 1)] for i in range(half)]
-    pictures = [_screen(folder, lines, at) for at in sorted(instants)]
+    screens = [_screen(folder, lines, at) for at in sorted(instants)]
+    pictures = [screen for screen in screens for _ in range(round(SCREEN_S / FRAME_S))]
     pictures += pictures[-1:] * round(HOLD_S / FRAME_S)
     pages = [Image.open(folder / f"frame_{i:02d}.png") for i in range(FRAMES)]
     pictures += [page.convert("RGB").resize(FILM, Image.Resampling.LANCZOS) for page in pages]
@@ -197,18 +212,15 @@ def main() -> None:
     given = arguments.parse_args()
     folder = given.folder.resolve()
     file = folder / "recorded.json"
-    if given.film:
-        lines = [Line(**each) for each in json.loads(file.read_text(encoding="utf-8"))["lines"]]
-        with on_terminal(AGAIN, folder, time.perf_counter()) as (process, printed):
-            _filmed(next(line.text for line in printed if line.text.startswith("http")), folder, 0)
-            process.send_signal(signal.SIGINT)
-            list(printed)
-    else:
+    if not given.film:
         folder.mkdir(parents=True, exist_ok=True)
         assert not any(folder.iterdir()), f"{folder} is not empty"
         lines, measured = recorded(folder)
         measured["load"] = os.getloadavg()[2]
         write_json(file, {"lines": [asdict(each) for each in lines], "measured": measured})
+    known = json.loads(file.read_text(encoding="utf-8"))
+    lines, measured = [Line(**each) for each in known["lines"]], known["measured"] | {"moved": filmed(folder)}
+    if not given.film:
         rows = rows_of(folder, measured)
         write_results(NAME, called(NAME), rows)
         show(rows, "from a surface file to pulling at it")

@@ -22,6 +22,7 @@ Report = dict[str, Any]
 def good() -> Report:
     """A run with nothing to complain of: motions move some 10 mm."""
     report = example_report()
+    report["rounds"] = []
     report["stages"] = {name: {"seconds": 60.0 * i, "peak_memory_mb": 1.0} for i, name in enumerate(CHAIN, 1)}
     for run in report["simulate"]["latent"]:
         run["online_error"] = {"relative": 0.02, "windowed": 0.015, "max_mm": 1.0, "mean_mm": 0.2}
@@ -74,6 +75,10 @@ def stated(report: Report) -> None:
     report["statement"]["latent"] = {"error": 0.06, "median": 0.03, "lost": 0}
 
 
+def rounds_ended(report: Report) -> None:
+    report["rounds"] = [{"error": 0.1, "pulls": 30, "seconds": 420.0, "changed": ""}]
+
+
 def few_points(report: Report) -> None:
     report["cubature"]["latent"] |= {"virtual": None, "relative_error": {"fitted": 0.2, "kept_back": 0.3}}
 
@@ -88,6 +93,7 @@ ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, objec
     "motions": ([error("test", 0.4, 0.3)], None, None, "snapshot.motions", "as many pulls again take 2 min"),
     "rounds": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
     "stated": ([stated], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
+    "rounds ended": ([stated, rounds_ended], CONDENSED, None, "--minutes", "its last round took 7 min"),
     "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.tolerance", "tolerance to 0.018 (now 0.035)"),
     "condensed forces": ([error("train", 0.4, 0.3)], CONDENSED, None, "train.condensed.points", "points to 36"),
     "points": ([few_points], None, None, "cubature.max_points", "set cubature.max_points to 300 (now 150)"),

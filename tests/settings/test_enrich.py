@@ -175,13 +175,38 @@ def test_the_round_that_was_least_off_is_taken(tmp_path: Path, monkeypatch: pyte
     assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
 
 
+def test_a_call_again_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What did not help from the round that was taken is not tried again, and what was relaxed is still there."""
+    enriched(tmp_path, monkeypatch, [0.3, 0.1, 0.2], minutes=1.0, seconds=19.0)
+    run = tmp_path / "runs" / "part"
+    assert (run / "model.partial").is_dir()
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.12, 0.03])
+    assert told[0].startswith("round 4: off by up to 10 %")
+    assert [line.partition("next: ")[2] for line in told] == ["train.r 14", "train.r 14", ""]
+    assert [each.error for each in read_rounds(run)] == [0.3, 0.1, 0.2, 0.1, 0.12, 0.03]
+    assert not (run / "model.partial").exists()
+
+
+def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
+    assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 5", ""]
+
+
+def test_rounds_of_another_configuration_are_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [0.3, 0.1, 0.2], minutes=1.0, seconds=19.0)
+    (tmp_path / "part.enriched.yaml").unlink()
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
+    assert told[0].startswith("round 1:") and told[0].endswith("next: train.condensed.rounds 3")
+
+
 def enriched(
     folder: Path, monkeypatch: pytest.MonkeyPatch, errors: list[float], minutes: float | None = None, seconds: float = 0
 ) -> tuple[list[str], list[str]]:
     """Rounds with these errors, each of so many seconds: the configurations that stages ran on, and what was said."""
     config, run, made, told = folder / "part.yaml", folder / "runs" / "part", list[str](), list[str]()
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
-    (run / "model.partial").mkdir(parents=True)
+    (run / "model.partial").mkdir(parents=True, exist_ok=True)
 
     def make(file: Path, runs: Path, until: str, say: object, flags: object) -> None:
         assert until == "train" and flags == {"train": ["--keep"]}
