@@ -240,11 +240,21 @@ def write_results(
 
 def rows_before(name: str, model: str) -> list[Row]:
     """What the results of a name hold of a model; none where there are no results."""
+    return [each for each in _all_rows(name) if each["model"] == model]
+
+
+def rows_of_others(name: str, models: Sequence[str]) -> list[Row]:
+    """What the results of a name hold of all models but some, which are measured anew."""
+    return [each for each in _all_rows(name) if each["model"] not in models]
+
+
+def _all_rows(name: str) -> list[Row]:
     try:
         content = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return []
-    return [each for each in content["rows"] if each["model"] == model]
+    rows: list[Row] = content["rows"]
+    return rows
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

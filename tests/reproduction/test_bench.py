@@ -109,3 +109,10 @@ def test_kept_rules_come_back_as_they_were(tmp_path: Path) -> None:
             assert (rule.maps is None) == (expected.maps is None)
             if rule.maps is not None and expected.maps is not None:
                 np.testing.assert_array_equal(rule.maps, expected.maps)
+
+
+def test_rows_of_other_models_stay_where_one_is_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harness, "RESULTS", tmp_path)
+    assert harness.rows_of_others("a", ["x"]) == []
+    write_results("a", "a command", [row("x", "error", 0.1), row("beam", "error", 0.2)])
+    assert harness.rows_of_others("a", ["x"]) == harness.rows_before("a", "beam") == [row("beam", "error", 0.2)]
