@@ -10,6 +10,7 @@ TORCH_INDEX ?=
 RUN := $(RUNS)/$(EXPERIMENT)
 # All that testing and documenting need, and what making a model needs, which is a part of it.
 ENVIRONMENT := $(VENV)/.installed
+comma := ,
 USED := $(firstword $(wildcard $(ENVIRONMENT)) $(VENV)/.used)
 LDSIM := $(VENV)/bin/ldsim
 
@@ -50,11 +51,11 @@ report: ## stage 7 and the default: write the report
 $(ENVIRONMENT) $(VENV)/.used: pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 # What is never imported need not be compiled.
-	@echo "installing the packages of requirements.lock into $(VENV), about 1.5 GB"
+	@echo "installing the packages of requirements.lock into $(VENV), about 1.4 GB"
 	$(VENV)/bin/python -m pip install --no-compile $(if $(TORCH_INDEX),--no-deps --index-url $(TORCH_INDEX)) \
 	    $(shell grep ^torch== requirements.lock)
 	$(VENV)/bin/python -m pip install --no-compile --constraint requirements.lock \
-	    --editable '.[$(if $(findstring $(ENVIRONMENT),$@),dev,train)]'
+	    --editable '.[$(if $(findstring $(ENVIRONMENT),$@),dev,train$(comma)surface)]'
 	@touch $@
 
 demo: ## the embedded demo through all stages

@@ -175,10 +175,14 @@ def _diverged(facts: Facts) -> str | None:
     lost = [run.motion for run in facts.numbers.simulate.latent if run.diverged]
     if not lost:
         return None
+    if facts.train.kind == "condensed":
+        rounds = facts.train.condensed.rounds
+        stage, turn = "train", f"train.condensed.rounds to {rounds + 2} (now {rounds})"
+    else:
+        stage, turn = "cubature", f"cubature.tolerance to {facts.cubature.tolerance / 2:.2g}"
     return (
-        f"The latent run of {lost[0]} was lost: set cubature.tolerance to {facts.cubature.tolerance / 2:.2g}, a "
-        "material that stays finite (mesh.material.model: stable_neo_hookean), or a smaller mesh.time_step; "
-        f"{facts.cost('cubature')}."
+        f"The latent run of {lost[0]} was lost: set {turn}, a material that stays finite (mesh.material.model: "
+        f"stable_neo_hookean), or a smaller mesh.time_step; {facts.cost(stage)}."
     )
 
 
