@@ -114,7 +114,7 @@ def _unseen(facts: Facts) -> str | None:
         return (
             "The motions that it learned from do not show what the others do, and the time of `ldsim make --error` was "
             "up: call it again with a longer `--minutes`, and it goes on where it ended; its last round took "
-            f"{_duration(facts.numbers.rounds[-1].seconds)}."
+            f"{_duration(facts.numbers.rounds[-1].seconds or 0.0)}."
         )
     if facts.train.kind == "condensed":
         rounds = facts.train.condensed.rounds
