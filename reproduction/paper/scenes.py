@@ -62,10 +62,14 @@ QUICK_TRAINING = {"epochs": 400, "batch": 64, "equilibrium": {"weight": 3.0}}
 QUICK_CUBATURE = {"poses": 120, "heldout_poses": 40}
 
 
-def cross(quick: bool) -> Configuration:
-    """The X of the paper, or a procedural one."""
+def cross(quick: bool, columns: int | None = None) -> Configuration:
+    """The X of the paper, or a procedural one; as another experiment with so many columns of the basis.
+
+    The criterion of the largest error leaves fewer columns of ours than the paper's figures take.
+    """
     if not quick:
-        return _at_full_size("x")
+        made = _at_full_size("x")
+        return made if columns is None else made | {"experiment": f"paper-x-{columns}", "pca": {"k": columns}}
     mesh = _solid(4e4, _slab("y", 0.001), shape={"name": "cross", "resolution": 2})
     motions = [_pulls("pulls_1", 4, 1, 0.1), _pulls("pulls_2", 1, 2, 0.1, role="validation")]
     return _configuration("paper-cross-quick", mesh, motions, {"r": 6} | QUICK_TRAINING, 19, QUICK_CUBATURE)

@@ -36,16 +36,16 @@ def _trained(run: Run, r: int, k: int, options: TrainOptions) -> tuple[Trained, 
 def depth(bench: Harness) -> Outcome:
     """Figure 6: error and step time against the number of hidden layers (X, r 6, k 19, width 200)."""
     epochs, width, repeats = (200, 60, 1) if bench.quick else (500, 200, 3)
-    depths = range(1, 7)
-    with Run.open(bench.made(cross(bench.quick), "cubature")) as run:
+    depths, columns = range(1, 7), 19
+    with Run.open(bench.made(cross(bench.quick, columns), "cubature")) as run:
         motion, rule = run.snapshots.names[0], run.cubature["latent"].best
 
         def measured(layers: int, seed: int) -> dict[str, Any]:
             options = PAPER.replace(hidden=(width,) * layers, epochs=epochs, seed=seed)
-            trained, error = _trained(run, 6, 19, options)
+            trained, error = _trained(run, 6, columns, options)
             with one_thread():
                 networks = trained.decoder, trained.encoder
-                space = Space.latent(run.scene, run.basis.columns(19), networks, rule)
+                space = Space.latent(run.scene, run.basis.columns(columns), networks, rule)
                 played = play(run, motion, space, frames=100)
             cost = played.seconds / np.maximum(played.evaluations, 1)
             return {

@@ -46,3 +46,12 @@ def test_the_full_size_is_the_configuration_at_the_paper_s_settings(path: Path) 
 @pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.stem)
 def test_every_configuration_has_a_motion_that_nothing_looked_at(path: Path) -> None:
     assert "test" in load_settings(path).snapshot.roles
+
+
+def test_the_x_with_other_columns_is_another_experiment_of_the_same_motions() -> None:
+    own, other = scenes.cross(False), scenes.cross(False, 19)
+    assert other["experiment"] == "paper-x-19" != own["experiment"]
+    assert other["pca"] == {"k": 19}
+    assert {key: other[key] for key in ("mesh", "snapshot", "cubature")} == {
+        key: own[key] for key in ("mesh", "snapshot", "cubature")
+    }
