@@ -41,17 +41,19 @@ class Enriched:
 
     Args:
         make: runs the stages of a configuration up to one.
-        earlier: the errors of rounds of a call before, which ended at its best one.
+        earlier: the rounds of a call before; where it was not interrupted, it ended at its best one.
     """
 
     def __init__(
-        self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[float] = ()
+        self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[Round] = ()
     ) -> None:
         self._given, self._runs, self._asked, self._make = config, runs, asked, make
+        errors = [math.inf if each.error is None else each.error for each in earlier]
+        ended = len(earlier) > 0 and not earlier[-1].changed
         # where the last round was the best, what changes next is as open as it was then; else what was tried from the
         # best one did not help
-        self._went_back = len(earlier) > 0 and earlier[-1] > min(earlier)
-        self._errors = list(earlier if self._went_back else earlier[:-1])
+        self._went_back = ended and errors[-1] > min(errors)
+        self._errors = errors[:-1] if ended and not self._went_back else errors
         self._best, self._least = load_settings(current(config)), math.inf
 
     def evaluate(self) -> tuple[float, int]:
@@ -114,8 +116,7 @@ def enrich(
     few = MARGIN * asked
     folder = runs / load_settings(config).experiment
     rounds = read_rounds(folder) if current(config) != config else []
-    errors = [math.inf if each.error is None else each.error for each in rounds]
-    surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), errors)
+    surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
     for each in improved(surrogate, few, seconds):
         rounds.append(each)
         say(each.line(len(rounds), asked, few))

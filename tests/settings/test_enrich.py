@@ -193,6 +193,15 @@ def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: 
     assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 5", ""]
 
 
+def test_a_call_after_an_interrupted_one_knows_what_its_round_was_compared_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
+    write_rounds(tmp_path / "runs" / "part", [Round(error=0.3, pulls=2, seconds=1.0, changed="more")])
+    _, told = enriched(tmp_path, monkeypatch, [0.29, 0.03])
+    assert told[0].startswith("round 2: off by up to 29 %") and told[0].endswith("next: train.r 14")
+
+
 def test_rounds_of_another_configuration_are_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     enriched(tmp_path, monkeypatch, [0.3, 0.1, 0.2], minutes=1.0, seconds=19.0)
     (tmp_path / "part.enriched.yaml").unlink()
