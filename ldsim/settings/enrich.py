@@ -42,6 +42,9 @@ class Enriched:
     Args:
         make: runs the stages of a configuration up to one.
         earlier: the rounds of a call before; where it was not interrupted, it ended at its best one.
+
+    Attributes:
+        repeats: whether the first evaluation is of the last of these rounds.
     """
 
     def __init__(
@@ -53,7 +56,8 @@ class Enriched:
         # where the last round was the best, what changes next is as open as it was then; else what was tried from the
         # best one did not help
         self._went_back = ended and errors[-1] > min(errors)
-        self._errors = errors[:-1] if ended and not self._went_back else errors
+        self.repeats = ended and not self._went_back
+        self._errors = errors[:-1] if self.repeats else errors
         self._best, self._least = load_settings(current(config)), math.inf
 
     def evaluate(self) -> tuple[float, int]:
@@ -118,6 +122,8 @@ def enrich(
     rounds = read_rounds(folder) if current(config) != config else []
     surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
     for each in improved(surrogate, few, seconds):
+        if surrogate.repeats:  # its model is there: what it took is what it took then
+            each, surrogate.repeats = each.replace(seconds=rounds.pop().seconds), False
         rounds.append(each)
         say(each.line(len(rounds), asked, few))
         write_rounds(folder, rounds)

@@ -130,9 +130,11 @@ def test_errors_are_told_pull_by_pull_and_a_lost_one_is_infinite() -> None:
 class MadeRun:
     """A run whose model misses poses kept back by 1 %."""
 
+    missed = 0.01
+
     def __init__(self, folder: Path, experiment: str) -> None:
         self.folder = folder
-        self.model = SimpleNamespace(loss=np.array([[0.1, 0.01]]), decoder=SimpleNamespace(r=10))
+        self.model = SimpleNamespace(loss=np.array([[0.1, self.missed]]), decoder=SimpleNamespace(r=10))
 
     def path(self, kind: str) -> Path:
         return self.folder / f"{kind}.h5"
@@ -191,6 +193,18 @@ def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: 
     enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
     assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 5", ""]
+    assert [(each.error, each.seconds) for each in read_rounds(tmp_path / "runs" / "part")] == [
+        (0.3, 29.0),
+        (0.1, 29.0),
+        (0.03, 0.0),
+    ]
+
+
+def test_wider_layers_that_did_not_help_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MadeRun, "missed", 0.1)
+    _, first = enriched(tmp_path, monkeypatch, [0.1, 0.2], minutes=1.0, seconds=29.0)
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
+    assert "train.hidden" in first[0] and told[0].endswith("next: train.r 14")
 
 
 def test_a_call_after_an_interrupted_one_knows_what_its_round_was_compared_with(
