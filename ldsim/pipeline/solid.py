@@ -24,7 +24,8 @@ from ldsim.run import Run
 
 # A pull takes hold of this share of the surface, and of at least so many edges around a vertex.
 GRIP_SHARE, GRIP_EDGES = 0.01, 1.2
-GRIPS, FREQUENCIES = 12, 4
+# of a dozen grips the median would depend on where the first one is, up to threefold
+GRIPS, FREQUENCIES = 48, 4
 # Beyond these shares of its size, and this strain, what linear elasticity says is absurd, and what it is said of too.
 SAG, TORN, STILL = 0.2, 1.0, 0.005
 

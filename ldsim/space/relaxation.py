@@ -30,9 +30,10 @@ from ldsim.space.basis import Basis, weighted
 
 # The force that no constraint carries may be this share of the forces of a typical strain.
 TOLERANCE = 1e-9
-MAX_ITERATIONS = 30
-# Iterations of L-BFGS that one factor of K serves for before it is made anew.
-RENEWAL = 15
+MAX_ITERATIONS = 200
+# K is made anew after these iterations of L-BFGS and after every so many: soon where a guess is far off, for its K says
+# little of where it settles (what a grip holds is all but crushed); not always, for a factor costs several iterations.
+EARLY, RENEWAL = (1, 2, 4), 8
 # Relative residual of the tangents where K is indefinite.
 ACCURACY = 1e-8
 # A path to a far z is cut in halves so often.
@@ -111,13 +112,16 @@ class Relaxation:
         return self._follow(z, self.rest if start is None else start, HALVINGS)
 
     def from_pose(self, u: NDArray[np.floating]) -> Relaxed:
-        """The relaxed pose with the coordinates of a displacement, (n, 3) metres, found from that.
+        """The relaxed pose with the coordinates of a displacement, (n, 3) metres, found from that, or else from rest.
 
         Raises:
             SolverError: no equilibrium was found.
         """
         start = np.where(self.scene.pinned[:, None], 0.0, u)
-        return self._derived(*self._settle(start, _Constrained(self, start, exact=False)))
+        try:
+            return self._derived(*self._settle(start, _Constrained(self, start, exact=False)))
+        except SolverError:  # the pose of a linear basis may be inverted, where some materials have infinite energy
+            return self(self.rows @ start.ravel())
 
     def residual(self, force: Array) -> Array:
         """C f, what forces (…, n, 3), N, move while z is held, to first order at rest, (…, n, 3) metres."""
@@ -152,7 +156,7 @@ class Relaxation:
 
         def refresh(u: Array, iteration: int) -> bool:
             nonlocal inverse
-            if iteration == 0 or iteration % RENEWAL:
+            if iteration == 0 or (iteration % RENEWAL and iteration not in EARLY):
                 return False
             inverse = _Constrained(self, u.reshape(-1, 3), exact=False)
             return True
@@ -237,7 +241,8 @@ class _Constrained:
         Y = relaxation.solve(self.factor, W)
         compliance = Y @ W.T
         self.stiffness: Array = np.asarray(np.linalg.inv(0.5 * (compliance + compliance.T)), dtype=np.float64)
-        self.tangents = self.stiffness @ Y  # (r, 3n)
+        # not S Y: of a factor in single precision that would let z drift, a ten-millionth with every step
+        self.tangents = np.linalg.solve(compliance, Y)  # (r, 3n)
         if exact and not definite:
             self._correct(relaxation.stiffness(u))
 
