@@ -15,6 +15,9 @@ from ldsim.mesh.surface import surface_vertices
 
 # Frames of a run and as many again, where nothing tells how long a pull lasts.
 STILL = 30
+# Covering pulls go so much farther than any of those they are like: people pull on where a motion stopped, and what
+# has learned from no pose as far off is lost there.
+FARTHER = 1.5
 
 
 def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
@@ -23,12 +26,12 @@ def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
 
 
 def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, seed: int) -> Motion:
-    """Pulls as far, as stiff and as long as those of other motions, but anywhere, and every other under turned gravity.
+    """Pulls as stiff and as long as those of other motions, and farther, anywhere, every other under turned gravity.
 
     Where those have no pulls, gravity alone turns.
 
     Args:
-        like: radius and stiffness are their medians, the pointer goes as far as it does in any of them.
+        like: radius and stiffness are their medians, the pointer goes up to `FARTHER` times as far as in any of them.
         count: of pulls, each followed by as many frames of free motion.
     """
     drags = [drag for motion in like for drag in motion.drags]
@@ -38,7 +41,7 @@ def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, 
     if drags:
         reach = float(np.max([np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in drags]))
         radius, stiffness = (float(np.median([getattr(d, what) for d in drags])) for what in ("radius", "stiffness"))
-        known = {"reach": max(reach, radius), "stiffness": stiffness, "radius": radius}
+        known = {"reach": FARTHER * max(reach, radius), "stiffness": stiffness, "radius": radius}
         motion = surface_pulls(name, scene, pulls.model_copy(update=known))
     directions = spread_directions(count, np.random.default_rng((seed, 1))) * np.linalg.norm(scene.gravity)
     directions[::2] = scene.gravity
