@@ -242,7 +242,7 @@ class _Constrained:
         compliance = Y @ W.T
         self.stiffness: Array = np.asarray(np.linalg.inv(0.5 * (compliance + compliance.T)), dtype=np.float64)
         # not S Y: of a factor in single precision that would let z drift, a ten-millionth with every step
-        self.tangents = np.linalg.solve(compliance, Y)  # (r, 3n)
+        self.tangents: Array = np.asarray(np.linalg.solve(compliance, Y), dtype=np.float64)  # (r, 3n)
         if exact and not definite:
             self._correct(relaxation.stiffness(u))
 
