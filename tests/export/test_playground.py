@@ -314,8 +314,12 @@ def test_help_the_first_view_a_scale_and_a_picture_are_a_key_away(opened: Tab) -
 def test_the_live_page_of_the_documentation_steps_and_plays(tab: Tab) -> None:
     """Its models are those of the demo as `make pictures` found it, its library is today's."""
     show(tab, LIVE)
+    # every frame is looked at in the page: its pulls are over in a second, which a test beside others may sleep through
+    tab.evaluate("""window.pulled = false; const watch = () => {
+        window.pulled ||= ldsim.source.pulls.size > 0 && ldsim.q(0).some((x) => Math.abs(x) > 1e-3);
+        requestAnimationFrame(watch); }; watch()""")
     tab.evaluate("document.getElementById('replay').click()")
-    tab.wait("ldsim.source.pulls.size > 0 && ldsim.q(0).some((x) => Math.abs(x) > 1e-3)")
+    tab.wait("window.pulled")
     tab.wait("document.querySelector('#statistics .latent')?.textContent.includes('fine')")
     assert tab.complaints == []
 
