@@ -50,6 +50,16 @@ def test_a_grip_holds_a_hundredth_of_the_surface_or_the_vertices_around_one() ->
     assert usual_radius(coarse) >= 0.1
 
 
+def test_what_is_derived_of_it_hardly_hangs_on_the_order_of_its_vertices() -> None:
+    made, found = beam(0.3, 0.05, 0.06, 4), []
+    for seed in range(4):
+        order = np.random.default_rng(seed).permutation(len(made.vertices))
+        cells = np.argsort(order)[made.cells].astype(made.cells.dtype)
+        there = solid(scene_of(Mesh(made.vertices[order], cells, made.cell_type), "stable_neo_hookean", 1e6, 0.45))
+        found.append((np.median(there.softness), np.median(there.strain)))
+    assert (np.max(found, axis=0) < 1.4 * np.min(found, axis=0)).all()
+
+
 def test_half_of_a_pull_as_stiff_as_the_solid_goes_into_it() -> None:
     found = solid(rod())
     pulls = PullOptions(count=1, reach=0.1, stiffness=1 / found.softness[0])
