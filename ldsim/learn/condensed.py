@@ -34,9 +34,9 @@ Watch = Callable[[int, float, float], None]
 
 # Neo-Hookean: its energy grows without bound in compression and extension, and no scene's material is needed for it.
 MATERIAL = "neo_hookean"
-RATE, BATCH, WARM_UP = 1e-2, 128, 0.03
+RATE, BATCH, WARM_UP = 2e-2, 128, 0.03
 # Shares of the loss: products with the Hessian, the slaved pose, and its tangents, beside the forces.
-HESSIAN, SLAVED, TANGENTS = 0.3, 1.0, 0.3
+HESSIAN, SLAVED, TANGENTS = 0.3, 1.0, 3.0
 # What holds a solid where it would buckle, let go: grabs do, and are about as stiff as itself. A share of S₀.
 HELD = 0.2
 # Relative errors below this are as good as none, so that a few easy poses do not count.

@@ -116,7 +116,7 @@ class _Work:
 
     def fit(self, number: int, steps: int) -> tuple[Condensed, Basis]:
         """Fit to all poses relaxed so far, for the first, second … time; with the basis of what is slaved."""
-        slaved = _slaved_basis(self.pieces, self.run, self.options.condensed.columns)
+        slaved = _slaved_basis(self.pieces, self.relaxation, self.options.condensed.columns)
         title = f"train: fit {number} of {self.options.condensed.rounds + 1}"
         with self.progress.bar(title, steps, "step") as bar:
 
@@ -145,13 +145,28 @@ def _refuse(run: Run, r: int) -> None:
         raise SettingsError(f"train.r is {r}; allowed are 1 … {run.basis.k}, the columns of the basis (pca.k)")
 
 
-def _slaved_basis(pieces: list[Piece], run: Run, most: int) -> Basis:
-    """The leading modes of the slaved parts, orthogonal in the mass to the coordinates' columns."""
+def _slaved_basis(pieces: list[Piece], relaxation: Relaxation, most: int) -> Basis:
+    """What T₀ moves beside V, exactly, and the leading modes of what slaved parts have beside it; orthonormal.
+
+    Without it in the columns small motions would be right only as far as the modes of large ones reach.
+    """
+    metric, tangents = relaxation.coordinates.metric, _rest_slaved(relaxation)
+    first = sketched_modes(lambda: iter([tangents.astype(np.float32)]), metric, relaxation.r)
 
     def chunks() -> Iterator[NDArray[np.float32]]:
-        yield from (rows for rows in (piece.rows() for piece in pieces) if len(rows))
+        for rows in (piece.rows() for piece in pieces):
+            if len(rows):
+                yield rows - (first.project(rows) @ first.matrix.T).astype(np.float32)
 
-    return sketched_modes(chunks, run.scene.mass, most)
+    modes = sketched_modes(chunks, metric, most)
+    both = np.hstack([first.matrix, modes.matrix]).T
+    return Basis.of(np.ascontiguousarray(orthonormal_rows(both, metric).T), metric)
+
+
+def _rest_slaved(relaxation: Relaxation) -> Array:
+    """T₀ − V, a row for each coordinate, (r, 3n)."""
+    r = relaxation.r
+    return np.ascontiguousarray((relaxation.rest.tangents.reshape(-1, r) - relaxation.coordinates.matrix).T)
 
 
 def _samples(pieces: list[Piece], slaved: Basis, relaxation: Relaxation) -> CondensedSamples:
@@ -165,9 +180,8 @@ def _samples(pieces: list[Piece], slaved: Basis, relaxation: Relaxation) -> Cond
         for name in ("z", "force", "stiffness", "directions", "slaved", "along"):
             columns.setdefault(name, []).append(np.asarray(projected.get(name, arrays[name]), dtype=np.float64))
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    rest, r = relaxation.rest, relaxation.r
-    tangents = np.ascontiguousarray((rest.tangents.reshape(-1, r) - relaxation.coordinates.matrix).T)
-    return CondensedSamples(**joined, rest_stiffness=rest.stiffness, rest_slaved=slaved.project(tangents))
+    rest_slaved = slaved.project(_rest_slaved(relaxation))
+    return CondensedSamples(**joined, rest_stiffness=relaxation.rest.stiffness, rest_slaved=rest_slaved)
 
 
 def _tell_lost(wanted: int, pieces: list[Piece], progress: Progress) -> None:

@@ -26,7 +26,7 @@ Frames = Callable[[int], NDArray[np.floating]]
 # Poses that are relaxed in one piece of work, which is kept when it is done.
 TOGETHER = 8
 # Directions in which the tangents of a pose are learned, this long beside the poses, in energy coordinates.
-DIRECTIONS, LENGTH = 4, 0.3
+DIRECTIONS, LENGTH = 8, 0.3
 # Perturbed poses: one of these shares of the energy of a pose is added, alike in all directions, but never less than
 # `LEAST` of what poses have in the mean, of which `TYPICAL` are looked at.
 SHARES, LEAST, TYPICAL = (0.03, 0.1, 0.3, 1.0), 0.1, 40

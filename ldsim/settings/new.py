@@ -54,7 +54,7 @@ pca:
   k: {columns}
 train:
   kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
-  hidden: [64, 64]
+  hidden: [48, 48, 48, 48]
   condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
 cubature:
   poses: 200

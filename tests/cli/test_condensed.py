@@ -58,6 +58,15 @@ def test_its_coordinates_are_those_of_the_basis_and_its_rest_is_exact(condensed:
         np.testing.assert_allclose(run.basis.project(poses)[:, :3], z, atol=1e-9 * np.abs(z).max())
 
 
+def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        space = run.space("latent")
+        # ∂u/∂z = T₀ at rest in every vertex, of no more modes than were asked for beside it
+        T = Relaxation(run.scene, run.basis.columns(3)).rest.tangents
+        np.testing.assert_allclose(space.basis.fields @ space.decoder.jacobian(np.zeros(3)), T, atol=1e-6 * abs(T).max())
+        assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"]
+
+
 def test_it_is_judged_pull_by_pull_on_motions_that_are_kept_aside(condensed: Experiment) -> None:
     with Run(condensed.run) as run:
         (name,) = run.snapshots.with_role("validation")
