@@ -63,7 +63,9 @@ def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experime
         space = run.space("latent")
         # ∂u/∂z = T₀ at rest in every vertex, of no more modes than were asked for beside it
         T = Relaxation(run.scene, run.basis.columns(3)).rest.tangents
-        np.testing.assert_allclose(space.basis.fields @ space.decoder.jacobian(np.zeros(3)), T, atol=1e-6 * abs(T).max())
+        np.testing.assert_allclose(
+            space.basis.fields @ space.decoder.jacobian(np.zeros(3)), T, atol=1e-6 * abs(T).max()
+        )
         assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"]
 
 
