@@ -32,8 +32,9 @@ from ldsim.space.encoder import Encoder
 
 Watch = Callable[[int, float, float], None]
 
-# Neo-Hookean: its energy grows without bound in compression and extension, and no scene's material is needed for it.
-MATERIAL = "neo_hookean"
+# It stays finite where a point is inverted, and grows on: of a material that does not, a fit may put a wall where no
+# sample has been, and the model's own runs never come to what lies behind it.
+MATERIAL = "stable_neo_hookean"
 RATE, BATCH, WARM_UP = 2e-2, 128, 0.03
 # Shares of the loss: products with the Hessian, the slaved pose, and its tangents, beside the forces.
 HESSIAN, SLAVED, TANGENTS = 0.3, 1.0, 3.0
@@ -44,8 +45,6 @@ SMALL = 1e-3
 # Share of the poses kept back, which judge and are fitted by nothing.
 KEPT_BACK = 0.1
 JUDGED = 50
-# det F below which the energy goes on as if it allowed inversion, while a fit may still have inverted points.
-LEAST_VOLUME = 0.1
 SLOPES: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "elu": lambda x: x.clamp_max(0).exp(),
     "relu": lambda x: (x > 0).to(x.dtype),
@@ -147,9 +146,9 @@ class PotentialNetwork(torch.nn.Module):
         r = len(self.tangents)
         G = self.maps[:, :r].reshape(-1, 3, 3, r)
         trace = G[:, 0, 0] + G[:, 1, 1] + G[:, 2, 2]
-        strain = 0.5 * (G + G.transpose(1, 2)) - torch.eye(3, dtype=G.dtype)[:, :, None] * trace[:, None, None] / 3
+        strain = 0.5 * (G + G.transpose(1, 2))
         weights = self.logarithms.exp()
-        # Ψ/μ = ‖dev ε‖² + ½ (λ/μ) (tr ε)² for small strains
+        # Ψ/μ = ‖ε‖² + ½ (λ/μ) (tr ε)² for small strains
         H = 2 * torch.einsum("s,sijp,sijq->pq", weights, strain, strain)
         H = H + torch.einsum("s,sp,sq->pq", weights * self.ratio, trace, trace)
         leading = torch.linalg.solve_triangular(torch.linalg.cholesky(H), self.maps[:, :r].T, upper=False).T
@@ -159,18 +158,18 @@ class PotentialNetwork(torch.nn.Module):
         """V_eff, (b,)."""
         strain = (torch.cat([y, features], dim=1) @ self.strain_maps().T).reshape(len(y), -1, 3, 3)
         F = torch.eye(3, dtype=y.dtype) + strain
-        density: torch.Tensor = neo_hookean(F, self.ratio)
+        density: torch.Tensor = stable_neo_hookean(F, self.ratio)
         return (density * self.logarithms.exp()).sum(dim=1)
 
 
-def neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
-    """Ψ/μ = ½ (J^(−2/3) F : F − 3) + ½ (λ/μ) (J − 1)², with J^(−2/3) continued along its tangent below a least J."""
+def stable_neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
+    """Ψ/μ of Smith et al. 2018, Eq. 14, with the Lamé parameters of small strains (Sec. 3.4) and zero at rest."""
     a, b, c = F[..., 0, :], F[..., 1, :], F[..., 2, :]
-    J = (a * torch.linalg.cross(b, c)).sum(dim=-1)
-    inside = J.clamp_min(LEAST_VOLUME)
-    beyond = J.clamp_max(LEAST_VOLUME) - LEAST_VOLUME
-    isochoric = inside ** (-2 / 3) - 2 / 3 * LEAST_VOLUME ** (-5 / 3) * beyond
-    density: torch.Tensor = 0.5 * (isochoric * (F * F).sum(dim=(-1, -2)) - 3) + 0.5 * ratio * (J - 1).square()
+    J, I1 = (a * torch.linalg.cross(b, c)).sum(dim=-1), (F * F).sum(dim=(-1, -2))
+    mu, lam = 4 / 3, ratio + 5 / 6
+    alpha = 1 + 0.75 * mu / lam
+    rest = 0.5 * lam * (1 - alpha).square() - 0.5 * mu * math.log(4)
+    density: torch.Tensor = 0.5 * (mu * (I1 - 3 - (I1 + 1).log()) + lam * (J - alpha).square()) - rest
     return density
 
 
