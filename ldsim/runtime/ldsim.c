@@ -256,12 +256,6 @@ static void cofactor(const double *A, double *C)
     C[6] = A[1] * A[5] - A[2] * A[4], C[7] = A[2] * A[3] - A[0] * A[5], C[8] = A[0] * A[4] - A[1] * A[3];
 }
 
-static double squared(const double *A)
-{
-    return A[0] * A[0] + A[1] * A[1] + A[2] * A[2] + A[3] * A[3] + A[4] * A[4] + A[5] * A[5] + A[6] * A[6] +
-           A[7] * A[7] + A[8] * A[8];
-}
-
 /* F'F. */
 static void gram(const double *F, double *S)
 {
@@ -378,50 +372,90 @@ static inline void inverse_cube_root(const four *x, four *y)
     }
 }
 
-/* Overwrites the strains F - 1 of a block, (9, LANES), by w P; returns the energy, the sum of w times
- * mu/2 (J^(-2/3) tr F'F - 3) + lambda/2 (J - 1)^2, infinite for J <= 0, without cancellation near rest: with H = F - 1,
- * J - 1 = tr H + 1/2 ((tr H)^2 - tr H^2) + det H, and for y = J^(-1/3), y - 1 = -(J - 1) y^3 / (1 + y + y^2).
- * Written out for all points at once, for this material is the usual one and no compiler was seen to find it. */
+/* Of the strains H = F - 1 of a block, without cancellation near rest: tr F'F - 3 = 2 tr H + H:H, and
+ * J - 1 = tr H + 1/2 ((tr H)^2 - tr H^2) + det H. */
+static inline void invariants(const four *H, four *stretch, four *volume)
+{
+    const four a = H[0], b = H[1], c = H[2], d = H[3], e = H[4], f = H[5], g = H[6], h = H[7], i = H[8];
+    const four trace = a + e + i, squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i;
+    const four minors = (a * e - b * d) + (a * i - c * g) + (e * i - f * h);
+    const four determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+    *stretch = 2.0 * trace + squares, *volume = trace + minors + determinant;
+}
+
+/* Overwrites the strains of a block by the stresses by_F F + by_cofactor J F^(-T). */
+static inline void put_stresses(four *P, const four *by_F, const four *by_cofactor)
+{
+    const four shear = *by_F, pressure = *by_cofactor;
+    const four b = P[1], c = P[2], d = P[3], f = P[5], g = P[6], h = P[7];
+    const four A = P[0] + 1.0, E = P[4] + 1.0, I = P[8] + 1.0;
+    P[0] = shear * A + pressure * (E * I - f * h), P[1] = shear * b + pressure * (f * g - d * I);
+    P[2] = shear * c + pressure * (d * h - E * g), P[3] = shear * d + pressure * (c * h - b * I);
+    P[4] = shear * E + pressure * (A * I - c * g), P[5] = shear * f + pressure * (b * g - A * h);
+    P[6] = shear * g + pressure * (b * f - c * E), P[7] = shear * h + pressure * (c * d - A * f);
+    P[8] = shear * I + pressure * (A * E - b * d);
+}
+
+/* Overwrites the strains of a block, (9, LANES), by w P; returns the energy, the sum of w times
+ * mu/2 (J^(-2/3) tr F'F - 3) + lambda/2 (J - 1)^2, infinite for J <= 0; for y = J^(-1/3),
+ * y - 1 = -(J - 1) y^3 / (1 + y + y^2). Written out for all points at once, for this material is the usual one and no
+ * compiler was seen to find it. */
 static double sum_neo_hookean(double *restrict strain, const double *restrict w, const double *restrict mu,
                               const double *restrict lambda, double scale)
 {
-    four *P = (four *)strain, y;
-    const four a = P[0], b = P[1], c = P[2], d = P[3], e = P[4], f = P[5], g = P[6], h = P[7], i = P[8];
-    const four A = a + 1.0, E = e + 1.0, I = i + 1.0, weight = *(const four *)w;
-    const four trace = a + e + i, squares = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i;
-    const four stretch = 2.0 * trace + squares, I1 = 3.0 + stretch;
-    const four minors = (a * e - b * d) + (a * i - c * g) + (e * i - f * h);
-    const four C0 = E * I - f * h, C1 = f * g - d * I, C2 = d * h - E * g;
-    const four determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
-    const four volume = trace + minors + determinant, J = 1.0 + volume;
+    four *P = (four *)strain, stretch, volume, y;
+    invariants(P, &stretch, &volume);
+    const four weight = *(const four *)w, m = scale * *(const four *)mu, l = scale * *(const four *)lambda;
+    const four J = 1.0 + volume;
     inverse_cube_root(&J, &y);
     const four square = y * y, cube = square * y;
     const four less_one = -volume * cube / (1.0 + y + square);
     const four shape = 3.0 * (y + 1.0) * less_one + square * stretch;
-    const four m = scale * *(const four *)mu, l = scale * *(const four *)lambda;
-    const four shear = weight * m * square, pressure = weight * (l * volume) - shear * I1 * cube * (1.0 / 3.0);
+    const four shear = weight * m * square;
+    const four pressure = weight * (l * volume) - shear * (3.0 + stretch) * cube * (1.0 / 3.0);
+    put_stresses(P, &shear, &pressure);
     const four density = weight * (0.5 * m * shape + 0.5 * l * volume * volume);
-    P[0] = shear * A + pressure * C0, P[1] = shear * b + pressure * C1, P[2] = shear * c + pressure * C2;
-    P[3] = shear * d + pressure * (c * h - b * I), P[4] = shear * E + pressure * (A * I - c * g);
-    P[5] = shear * f + pressure * (b * g - A * h), P[6] = shear * g + pressure * (b * f - c * E);
-    P[7] = shear * h + pressure * (c * d - A * f), P[8] = shear * I + pressure * (A * E - b * d);
     for (int s = 0; s < LANES; s++)
         if (!(volume[s] > -1.0) && w[s] > 0.0) return INFINITY;
     return (density[0] + density[1]) + (density[2] + density[3]);
 }
 
-/* Smith, de Goes and Kim 2018, Eq. 14, with their moduli of Sec. 3.4; zero at rest. */
-static inline double stable_neo_hookean(const double *F, double mu, double lambda, double *P)
+/* y = log x for normal x > 0 to a few units in the last place, without a branch or a call; a finite number elsewhere.
+ * x = 2^k m with m from sqrt(1/2) to sqrt(2), and log m = 2 artanh s by its series, s = (m - 1)/(m + 1) <= 0.172. */
+static inline void logarithm(const four *x, four *y)
 {
-    const double m = 4.0 * mu / 3.0, l = lambda + 5.0 * mu / 6.0, alpha = 1.0 + 0.75 * m / l;
-    const double I1 = squared(F), J = determinant(F);
-    const double by_I1 = 0.5 * m * (1.0 - 1.0 / (I1 + 1.0)), by_J = l * (J - alpha);
-    double C[9];
-    cofactor(F, C);
-    for (int e = 0; e < 9; e++) P[e] = 2.0 * by_I1 * F[e] + by_J * C[e];
-    /* written as differences from rest, where the terms themselves are large against what is left of them */
-    const double volumetric = (J - alpha) * (J - alpha) - (1.0 - alpha) * (1.0 - alpha);
-    return 0.5 * m * (I1 - 3.0 - log((I1 + 1.0) / 4.0)) + 0.5 * l * volumetric;
+    bits_of_four bits, power;
+    four m, k;
+    memcpy(&bits, x, sizeof bits);
+    bits -= UINT64_C(0x3FE6A09E667F3BCD);                                  /* sqrt(1/2) */
+    power = (bits + UINT64_C(0x4000000000000000)) >> 52;                   /* 1024 + k, so that no k is below zero */
+    power |= UINT64_C(0x4330000000000000);                                 /* 2^52 and that many units */
+    memcpy(&k, &power, sizeof k);
+    k -= 0x1p52 + 1024.0;
+    bits = (bits & UINT64_C(0x000FFFFFFFFFFFFF)) + UINT64_C(0x3FE6A09E667F3BCD);
+    memcpy(&m, &bits, sizeof m);
+    const four s = (m - 1.0) / (m + 1.0), t = s * s, t2 = t * t, t4 = t2 * t2;
+    const four low = (1.0 / 3.0 + t * (1.0 / 5.0)) + t2 * (1.0 / 7.0 + t * (1.0 / 9.0));
+    const four high = (1.0 / 11.0 + t * (1.0 / 13.0)) + t2 * (1.0 / 15.0 + t * (1.0 / 17.0));
+    *y = k * 0x1.62E42FEFA39EFp-1 + 2.0 * (s + s * t * (low + t4 * (high + t4 * (1.0 / 19.0))));
+}
+
+/* The same for Smith, de Goes and Kim 2018, Eq. 14, with their moduli m = 4/3 mu and l = lambda + 5/6 mu of Sec. 3.4:
+ * m/2 (tr F'F - 3 - log((tr F'F + 1)/4)) + l/2 (J - 1)^2 - 3/4 m (J - 1), which is theirs less its value at rest.
+ * Written out too, for the points that stand for the potential of a condensed space are of it. */
+static double sum_stable_neo_hookean(double *restrict strain, const double *restrict w, const double *restrict mu,
+                                     const double *restrict lambda, double scale)
+{
+    four *P = (four *)strain, stretch, volume, ln;
+    invariants(P, &stretch, &volume);
+    const four weight = *(const four *)w, m = scale * *(const four *)mu * (4.0 / 3.0);
+    const four l = scale * (*(const four *)lambda + *(const four *)mu * (5.0 / 6.0));
+    const four quarter = 1.0 + 0.25 * stretch;
+    logarithm(&quarter, &ln);
+    const four shear = weight * m * (1.0 - 0.25 / quarter), pressure = weight * (l * volume - 0.75 * m);
+    put_stresses(P, &shear, &pressure);
+    const four density = weight * (0.5 * m * (stretch - ln) + volume * (0.5 * l * volume - 0.75 * m));
+    return (density[0] + density[1]) + (density[2] + density[3]);
 }
 
 /* mu E:E + lambda/2 (tr E)^2 with E = (F'F - 1)/2 (Bonet and Wood 2008, Sec. 6.3). */
@@ -561,7 +595,6 @@ static void clamped_tangent(int kind, const double *F, double mu, double lambda,
         }                                                                                                              \
         return (w[0] * density[0] + w[1] * density[1]) + (w[2] * density[2] + w[3] * density[3]);                                                                                 \
     }
-SUM_OF(stable_neo_hookean)
 SUM_OF(st_venant_kirchhoff)
 SUM_OF(fixed_corotated)
 SUM_OF(linear_elastic)
