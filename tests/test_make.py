@@ -81,6 +81,11 @@ def test_a_second_make_starts_no_stage_and_says_so(project: Project) -> None:
     assert {path: path.stat().st_mtime_ns for path in project.run.rglob("*")} == before
 
 
+def test_what_a_stage_wrote_is_told_once(project: Project) -> None:
+    project.configure(simulate={"max_iterations": 100})
+    assert project.make(LAST).count(str(project.run / WRITES[LAST])) == 1
+
+
 def test_only_what_is_stale_runs(project: Project) -> None:
     before = {name: (project.run / name).read_bytes() for name in WRITES.values()}
     project.configure(train=TINY["train"] | {"learning_rate": 1e-3})

@@ -32,7 +32,8 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
         ran = make(current(config), runs, until, click.echo)
     except StageFailed as failed:
         raise SystemExit(failed.status) from None
-    click.echo(("" if ran else f"nothing to do, {run.experiment} is up to date: ") + f"{made_by(run, until).resolve()}")
+    if not ran:  # a stage tells itself what it wrote
+        click.echo(f"nothing to do, {run.experiment} is up to date: {made_by(run, until).resolve()}")
     if words := missed(run.folder, asked["error"], asked["step"]):
         click.echo("\n".join(words), err=True)
     if pull:
