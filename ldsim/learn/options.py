@@ -39,7 +39,7 @@ class CondensedOptions(Options):
     explored: Annotated[int, Field(ge=1, description="Poses of its own runs that are relaxed in each round.")] = 80
     points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
-    columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 40
+    columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
     steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
 
 

@@ -17,7 +17,7 @@ from ldsim.errors import SettingsError, SolverError
 from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.random_pulls import covering_pulls
-from ldsim.pipeline.coordinates import needed_coordinates
+from ldsim.pipeline.coordinates import combined, needed_coordinates
 from ldsim.pipeline.progress import Progress
 from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, energy_root, farthest_points, relaxed_pieces
 from ldsim.run import Run
@@ -37,13 +37,11 @@ PULLS = 4
 EXPLORING = 0.25
 
 
-def condensed_model(
-    run: Run, q: Array, recorded: int, displacement: Frames, options: TrainOptions, progress: Progress
-) -> StoredModel:
+def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOptions, progress: Progress) -> StoredModel:
     """Relax training poses and fit a condensed space to them; run it, and learn from where it went, in rounds.
 
     Args:
-        q: coordinates of all training poses, (N, k); the first `recorded` are of snapshots.
+        q: coordinates of all training poses, (N, k).
         displacement: of a pose by its number, (n, 3), metres.
 
     Raises:
@@ -52,13 +50,14 @@ def condensed_model(
         SolverError: r is larger than the basis, or too few poses have an equilibrium.
     """
     _refuse(run, 1 if options.r is None else options.r)
-    r = needed_coordinates(run, progress) if options.r is None else options.r
-    work = _Work(run, Relaxation(run.scene, run.basis.columns(r)), options, progress)
-    work.relax("relaxed", q[:, :r], displacement, options.condensed.poses)
+    chosen = needed_coordinates(run, options.r, progress)
+    z = q @ chosen
+    work = _Work(run, Relaxation(run.scene, combined(run.basis, chosen)), options, progress)
+    work.relax("relaxed", z, displacement, options.condensed.poses)
     for number in range(options.condensed.rounds):
         work.explore(number)
     work.tell_lost()
-    return _stored(run, *work.fit(options.condensed.rounds + 1, options.condensed.steps), q, recorded)
+    return _stored(run, *work.fit(options.condensed.rounds + 1, options.condensed.steps), z)
 
 
 class _Work:
@@ -94,8 +93,7 @@ class _Work:
         store = TrainingStore(self.partial, f"explored{number}", digest)
         kept = store.load()
         if kept is None:
-            found, slaved = self.fit(number + 1, int(EXPLORING * self.options.condensed.steps))
-            basis = Basis.of(_columns(self.run, found.decoder, slaved), self.run.scene.mass)
+            found, basis = self.fit(number + 1, int(EXPLORING * self.options.condensed.steps))
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
             z = self._own_frames(space, number)
             root = energy_root(self.relaxation)
@@ -115,7 +113,7 @@ class _Work:
         return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
 
     def fit(self, number: int, steps: int) -> tuple[Condensed, Basis]:
-        """Fit to all poses relaxed so far, for the first, second … time; with the basis of what is slaved."""
+        """Fit to all poses relaxed so far, for the first, second … time; with the columns that the decoder moves."""
         slaved = _slaved_basis(self.pieces, self.relaxation, self.options.condensed.columns)
         title = f"train: fit {number} of {self.options.condensed.rounds + 1}"
         with self.progress.bar(title, steps, "step") as bar:
@@ -127,7 +125,8 @@ class _Work:
             condensed = self.options.condensed.model_copy(update={"steps": steps})
             options = self.options.model_copy(update={"condensed": condensed})
             samples = _samples(self.pieces, slaved, self.relaxation)
-            return fit_condensed(samples, _moduli(self.run, options), options, watch), slaved
+            found = fit_condensed(samples, _moduli(self.run, options), options, watch)
+        return found, _columns(self.relaxation.coordinates, found.decoder, slaved)
 
     def tell_lost(self) -> None:
         """Say how many poses have no sample, and how many buckle."""
@@ -205,19 +204,17 @@ def _moduli(run: Run, options: TrainOptions) -> tuple[Indices, Array, Array]:
     return points, elements.mu[points], elements.lam[points]
 
 
-def _columns(run: Run, decoder: Decoder, slaved: Basis) -> Array:
+def _columns(coordinates: Basis, decoder: Decoder, slaved: Basis) -> Basis:
     """U, (3n, k): V, zeros for the features, and what is slaved."""
-    V = run.basis.columns(decoder.r)
     # V is orthonormal already and comes first, so that only the slaved columns change
-    rows = orthonormal_rows(np.hstack([V.matrix, slaved.matrix]).T, run.scene.mass)
-    columns = np.zeros((len(V.matrix), decoder.k))
-    columns[:, : V.k], columns[:, decoder.k - slaved.k :] = V.matrix, rows[V.k :].T
-    return columns
+    rows = orthonormal_rows(np.hstack([coordinates.matrix, slaved.matrix]).T, coordinates.metric)
+    columns = np.zeros((rows.shape[1], decoder.k))
+    columns[:, : coordinates.k], columns[:, decoder.k - slaved.k :] = coordinates.matrix, rows[coordinates.k :].T
+    return Basis.of(columns, coordinates.metric)
 
 
-def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) -> StoredModel:
-    r, columns = found.decoder.r, _columns(run, found.decoder, slaved)
-    basis = Basis.of(columns, run.scene.mass)
+def _stored(run: Run, found: Condensed, basis: Basis, z: Array) -> StoredModel:
+    r = found.decoder.r
     networks = found.encoder, found.decoder
     errors = np.array([reconstruction_error(run.chunks(role), basis, *networks) for role in ("train", "validation")])
     return StoredModel(
@@ -229,7 +226,7 @@ def _stored(run: Run, found: Condensed, slaved: Basis, q: Array, recorded: int) 
         # by reconstruction a few columns would match, but none of them moves as freely: the rival is the whole basis
         kp=run.basis.k,
         best_epoch=len(found.loss) - 1,
-        novelty=fit_novelty(Decoder.identity(r), IDENTITY, q[:, :r], np.empty((0, r))),
-        columns=columns,
+        novelty=fit_novelty(Decoder.identity(r), IDENTITY, z, np.empty((0, r))),
+        columns=basis.matrix,
         potential=found.potential,
     )

@@ -1,17 +1,25 @@
-"""How many coordinates a condensed space needs: few, for what they do not show is in equilibrium with them."""
+"""Which coordinates a condensed space needs: few, for what they do not show is in equilibrium with them.
+
+They are the leading columns of the basis, which hold the largest motions, or the slowest of its combinations: then what
+is left to equilibrium is fast, and stiff where the solid is pulled, so that dents are small. Where a solid bends far
+the former may be better, for what is slow at rest does not tell apart poses that are bent far.
+"""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from ldsim.arrays import Array
+from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.errors import SolverError
 from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
+from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 
 # Dimensions that are tried, for more are better only with more samples than are relaxed by default; what is enough of
@@ -21,26 +29,67 @@ from ldsim.space.compliance import Compliance
 SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
 
 
-def needed_coordinates(run: Run, progress: Progress) -> int:
-    """The least r whose relaxed poses are the frames of the training motions.
+def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
+    """Coordinates in which the frames of the training motions are relaxed poses, as combinations of the basis' columns.
 
-    Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so r is
-    not the largest that one can afford, but the smallest that is enough. By bisection: more coordinates hold more.
+    Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
+    are not as many as one can afford, but the fewest that are enough for the worst frame. By bisection: more
+    coordinates hold more. Of the two orders that one is taken whose relaxed poses are nearer to the frames in the mean.
+
+    Args:
+        r: how many; None finds the fewest that are enough.
+
+    Returns:
+        (k, r), with orthonormal columns.
     """
-    sizes = [r for r in SIZES if r < run.basis.k] or [run.basis.k]
-    low, high = 0, len(sizes) - 1
-    with progress.bar("train: how many coordinates", None, " tried") as bar:
-        while low < high:
-            middle = (low + high) // 2
-            error = slaving_error(Compliance(run.scene, run.basis.columns(sizes[middle])), frames_of(run))
-            bar.say(f"{sizes[middle]} miss the worst pull by {100 * error:.2g} %")
-            bar.update()
-            low, high = (low, middle) if error <= ENOUGH else (middle + 1, high)
-    return sizes[low]
+    orders = {"largest": np.eye(run.basis.k), "slowest": slowest(run)}
+    frames, tried = list(frames_of(run)), dict[int, dict[str, Array]]()
+    with progress.bar("train: which coordinates", None, " tried") as bar:
+
+        def enough(size: int) -> bool:
+            tried[size] = {}
+            for name, order in orders.items():
+                off = slaving_errors(Compliance(run.scene, combined(run.basis, order[:, :size])), frames)
+                tried[size][name] = off
+                bar.say(
+                    f"the {size} {name} miss a pull by {100 * _mean(off):.2g} %, the worst by {100 * _worst(off):.2g} %"
+                )
+                bar.update()
+            return min(map(_worst, tried[size].values())) <= ENOUGH
+
+        if r is None:
+            sizes = [size for size in SIZES if size < run.basis.k] or [run.basis.k]
+            r = sizes[bisect_left(sizes[:-1], True, key=enough)]
+        if r not in tried:
+            enough(r)
+    best = min(orders, key=lambda name: _mean(tried[r][name]))
+    return np.ascontiguousarray(orders[best][:, :r])
 
 
-def slaving_error(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> float:
-    """How far frames are from the relaxed poses of their coordinates: the worst one's mean distance.
+def slowest(run: Run) -> Array:
+    """The vibration modes in the span of the basis at rest, by ascending frequency, (k, k): eigenvectors of UᵀK₀U."""
+    vectors: Array = np.linalg.eigh(reduced_rest_stiffness(run.scene, run.basis))[1]
+    return vectors
+
+
+def combined(basis: Basis, combinations: Array) -> Basis:
+    """The basis of combinations (k, r) of the columns of another; orthonormal where both are."""
+    return Basis.of(np.ascontiguousarray(basis.matrix @ combinations), basis.metric)
+
+
+def _worst(off: Array) -> float:
+    """Of the frames that have an equilibrium; where none has, infinite."""
+    known = off[~np.isnan(off)]
+    return float(known.max()) if len(known) else math.inf
+
+
+def _mean(off: Array) -> float:
+    """Where one that has no equilibrium is all of its motion off."""
+    return float(np.nan_to_num(off, nan=1.0).mean())
+
+
+def slaving_errors(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> Array:
+    """How far frames are from the relaxed poses of their coordinates.
 
     Loads act on what is slaved as they do when the space is stepped, by the residual compliance. What remains is what r
     coordinates lose, however well V_eff is known: fast motion, and compliance that changes as the solid bends.
@@ -49,24 +98,26 @@ def slaving_error(compliance: Compliance, frames: Iterable[tuple[Array, Loads]])
         frames: displacements of the full space, (n, 3) metres, with what acts.
 
     Returns:
-        A share of the mean displacement of that frame, or of all frames where that is larger.
+        (f,): the mean distance, a share of the mean displacement of that frame, or of all frames where that is larger;
+        NaN where coordinates have no stable equilibrium.
     """
-    found = [_off(compliance, u, loads) for u, loads in frames]
-    off, moved = np.array([each for each in found if each is not None]).reshape(-1, 2).T
-    return float((off / np.maximum(moved, moved.mean())).max()) if moved.any() else math.inf
+    off, moved = np.array([_off(compliance, u, loads) for u, loads in frames]).reshape(-1, 2).T
+    shares: Array = off / np.maximum(moved, moved.mean()) if moved.any() else np.full(len(off), math.inf)
+    return shares
 
 
-def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float] | None:
-    """Mean distance and mean displacement, metres, of one frame; None where it has no equilibrium."""
+def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float]:
+    """Mean distance, NaN where it has no equilibrium, and mean displacement, metres, of one frame."""
+    moved = float(np.linalg.norm(u, axis=1).mean())
     try:
         relaxed = compliance.relaxation.from_pose(u).u
     except SolverError:
-        return None
+        return math.nan, moved
     found = relaxed + compliance.sag(loads.gravity)
     for grab in loads.grabs:
         centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
         found += compliance.moved(grab.vertices, relaxed, grab.stiffness * (grab.target - centre))
-    return float(np.linalg.norm(found - u, axis=1).mean()), float(np.linalg.norm(u, axis=1).mean())
+    return float(np.linalg.norm(found - u, axis=1).mean()), moved
 
 
 def frames_of(run: Run, role: str = "train") -> Iterator[tuple[Array, Loads]]:

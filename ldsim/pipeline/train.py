@@ -47,7 +47,7 @@ def train(
         synthetic = _synthetic(run)
         if options.kind == "condensed":
             every = np.concatenate([q, synthetic])
-            model = condensed_model(run, every, len(q), _poses(run, every).displacement, options, progress)
+            model = condensed_model(run, every, _poses(run, every).displacement, options, progress)
             return _write(run, stage, model, options, {}, keep)
         with progress.bar("train", None, "epoch") as bar:
             every, forces, term = np.concatenate([q, synthetic]), None, options.equilibrium

@@ -17,7 +17,7 @@ from ldsim.arrays import Array
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
-from ldsim.pipeline.coordinates import frames_of, slaving_error
+from ldsim.pipeline.coordinates import frames_of, slaving_errors
 from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
@@ -42,11 +42,6 @@ def modes(scene: Scene, count: int) -> Basis:
     return Basis.of(columns.reshape(-1, count), scene.mass)
 
 
-def off(compliance: Compliance, frames: Frames) -> list[float]:
-    """Mean distance of each frame from the relaxed pose of its coordinates, metres; infinite where there is none."""
-    return [slaving_error(compliance, [frame]) * float(np.linalg.norm(frame[0], axis=1).mean()) for frame in frames]
-
-
 def measure(run: Run) -> list[Row]:
     """The rows of one run; a frame that one basis has no relaxed pose of is left out of all."""
     rows = list[Row]()
@@ -55,7 +50,7 @@ def measure(run: Run) -> list[Row]:
         frames = list(frames_of(run, role))
         moved = np.array([np.linalg.norm(u, axis=1).mean() for u, _ in frames])
         found = {
-            (kind, r): np.array(off(Compliance(run.scene, basis.columns(r)), frames))
+            (kind, r): slaving_errors(Compliance(run.scene, basis.columns(r)), frames) * np.maximum(moved, moved.mean())
             for kind, basis in bases.items()
             for r in SIZES
         }

@@ -14,7 +14,8 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.pipeline import coordinates
-from ldsim.pipeline.coordinates import needed_coordinates, slaving_error
+from ldsim.pipeline.coordinates import combined, needed_coordinates, slaving_errors
+from ldsim.pipeline.coordinates import slowest as slowest_of
 from ldsim.pipeline.progress import SILENT
 from ldsim.space.compliance import Compliance
 from tests.space.test_relaxation import beam, modes
@@ -37,12 +38,12 @@ def equilibrium(pull: float, gravity: float = 0.0) -> tuple[Array, Loads]:
 def test_small_equilibria_are_relaxed_poses_of_however_few_coordinates(r: int) -> None:
     """To first order what is slaved and its compliance are exact: u = T z + C f."""
     frames = [equilibrium(1e-6), equilibrium(1e-6, gravity=1e-3)]
-    assert slaving_error(Compliance(BODY, modes(BODY, r)), frames) < 1e-3
+    assert slaving_errors(Compliance(BODY, modes(BODY, r)), frames).max() < 1e-3
 
 
 def test_more_coordinates_hold_large_equilibria_better() -> None:
     frames = [equilibrium(0.25), equilibrium(-0.2)]
-    errors = [slaving_error(Compliance(BODY, modes(BODY, r)), frames) for r in (1, 4, 10)]
+    errors = [slaving_errors(Compliance(BODY, modes(BODY, r)), frames).max() for r in (1, 4, 10)]
     assert errors[0] > 0.01 and errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
 
 
@@ -56,7 +57,7 @@ def test_a_dent_does_not_turn_the_compliance_that_makes_it() -> None:
         relaxed + compliance.sag(loads.gravity) + compliance.moved(grab.vertices, at, force) for at in (relaxed, u)
     ]
     off = [float(np.linalg.norm(each - u, axis=1).mean() / np.linalg.norm(u, axis=1).mean()) for each in drawn]
-    assert slaving_error(compliance, [(u, loads)]) == pytest.approx(off[0], rel=1e-9)
+    assert slaving_errors(compliance, [(u, loads)]) == pytest.approx(off[0], rel=1e-9)
     assert abs(off[1] - off[0]) > 1e-3 * off[0]
 
 
@@ -78,8 +79,40 @@ def test_its_compliance_turns_with_the_solid() -> None:
 def test_the_least_dimension_that_is_enough_is_found(
     monkeypatch: pytest.MonkeyPatch, least: int, k: int, found: int
 ) -> None:
-    monkeypatch.setattr(coordinates, "Compliance", lambda scene, columns: columns)
+    monkeypatch.setattr(coordinates, "Compliance", lambda scene, size: size)
+    monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations.shape[1])
     monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
-    monkeypatch.setattr(coordinates, "slaving_error", lambda r, frames: 0.001 if r >= least else 0.1)
-    run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k, columns=lambda r: r))
-    assert needed_coordinates(run, SILENT) == found
+    monkeypatch.setattr(coordinates, "slowest", lambda run: np.eye(k))
+    monkeypatch.setattr(
+        coordinates, "slaving_errors", lambda r, frames: np.array([0.001 if r >= least else 0.1, np.nan])
+    )
+    run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k))
+    assert needed_coordinates(run, None, SILENT).shape == (k, found)
+
+
+@pytest.mark.parametrize(
+    ("largest", "slowest", "better"),
+    [([0.1, 0.2], [0.2, 0.2], "largest"), ([0.1, 0.3], [0.31, 0.0], "slowest"), ([0.1, 0.0], [0.0, np.nan], "largest")],
+)
+def test_the_order_that_is_nearer_in_the_mean_is_taken_and_a_lost_frame_counts_as_all_of_its_motion(
+    monkeypatch: pytest.MonkeyPatch, largest: list[float], slowest: list[float], better: str
+) -> None:
+    orders = {"largest": np.eye(5), "slowest": np.eye(5)[:, ::-1]}
+    monkeypatch.setattr(coordinates, "Compliance", lambda scene, columns: columns)
+    monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations)
+    monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
+    monkeypatch.setattr(coordinates, "slowest", lambda run: orders["slowest"])
+    errors = {0: np.array(largest), 4: np.array(slowest)}
+    monkeypatch.setattr(coordinates, "slaving_errors", lambda columns, frames: errors[int(columns[:, 0].argmax())])
+    run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=5))
+    np.testing.assert_array_equal(needed_coordinates(run, 3, SILENT), orders[better][:, :3])
+
+
+def test_the_slowest_combinations_are_vibration_modes_where_the_basis_holds_them() -> None:
+    """Mixed up by a rotation, the modes come back, the slowest first."""
+    own = modes(BODY, 6)
+    mixed = np.linalg.qr(np.random.default_rng(1).normal(size=(6, 6)))[0]
+    run: Any = SimpleNamespace(scene=BODY, basis=combined(own, mixed))
+    again = combined(run.basis, slowest_of(run))
+    overlap = np.abs(own.project(again.matrix.T))
+    np.testing.assert_allclose(overlap, np.eye(6), atol=1e-6)
