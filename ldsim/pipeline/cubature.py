@@ -115,8 +115,9 @@ class TrainingPoses:
         """In the latent space."""
         run = self._run
         model, space = run.model, latent_space(run.scene, run.basis, run.model)
-        z = self.q[:, : space.r] if space.is_condensed else model.encoder(self.q)
-        return self._space(space, z)
+        if space.is_condensed:  # its coordinates are combinations of the basis' columns
+            return self._space(space, self.q @ run.basis.project(space.reduced_basis.columns(space.r).matrix.T).T)
+        return self._space(space, model.encoder(self.q))
 
     def linear(self, k: int) -> PoseSpace:
         """In the linear space of the first k columns."""

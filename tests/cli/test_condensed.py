@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,25 @@ from ldsim.mechanics.motion import Motion
 from ldsim.pipeline import condense, relaxed_poses
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.convergence import pull_errors
+from ldsim.pipeline.coordinates import combined, slowest
+from ldsim.pipeline.cubature import TrainingPoses
 from ldsim.pipeline.progress import SILENT
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
+from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation, Relaxed
 from tests.cli.experiments import TINY, Experiment
 
 SMALL = {"poses": 24, "shell": 1, "rounds": 1, "explored": 6, "points": 8, "features": 4, "columns": 6, "steps": 300}
 CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidden": [12], "condensed": SMALL}}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def slowest_coordinates() -> Iterator[None]:
+    """They are not the columns of the basis, so that nothing may take these for the coordinates."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(condense, "needed_coordinates", lambda run, r, progress: slowest(run)[:, :r])
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +50,11 @@ def condensed(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     return experiment
 
 
+def coordinates(run: Run) -> Basis:
+    """V."""
+    return combined(run.basis, slowest(run)[:, :3])
+
+
 def simulator(experiment: Experiment) -> Simulator:
     """In the latent space with V_eff, whatever the judge of the cubature thought of so small a fit."""
     with Run(experiment.run) as run:
@@ -47,22 +64,30 @@ def simulator(experiment: Experiment) -> Simulator:
         return Simulator(space, run.stepper(space))
 
 
-def test_its_coordinates_are_those_of_the_basis_and_its_rest_is_exact(condensed: Experiment) -> None:
+def test_its_coordinates_are_combinations_of_the_basis_and_its_rest_is_exact(condensed: Experiment) -> None:
     with Run(condensed.run) as run:
-        space, u = run.space("latent"), run.snapshots.reader("a")(0, 20)
+        space, u, V = run.space("latent"), run.snapshots.reader("a")(0, 20), coordinates(run)
+        assert np.abs(V.matrix - run.basis.matrix[:, :3]).max() > 0.01 * np.abs(V.matrix).max()
         z, _ = space.encode(u)
-        np.testing.assert_allclose(z, run.basis.project(u)[:, :3], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(z, V.project(u), rtol=1e-6, atol=1e-12)
         np.testing.assert_array_equal(space.decoder(np.zeros(3)), 0)
         # what is slaved is orthogonal to the coordinates, so that every decoded pose has the z it was decoded from
         poses = space.displacement(space.decoder(z))
-        np.testing.assert_allclose(run.basis.project(poses)[:, :3], z, atol=1e-9 * np.abs(z).max())
+        np.testing.assert_allclose(V.project(poses), z, atol=1e-9 * np.abs(z).max())
+
+
+def test_cubature_sees_training_poses_in_its_coordinates(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        poses = TrainingPoses(run, 1)
+        V, u = coordinates(run), run.basis.displacement(poses.q)
+        np.testing.assert_allclose(poses.latent().z, V.project(u), atol=1e-9 * np.abs(u).max())
 
 
 def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experiment) -> None:
     with Run(condensed.run) as run:
         space = run.space("latent")
         # ∂u/∂z = T₀ at rest in every vertex, of no more modes than were asked for beside it
-        T = Relaxation(run.scene, run.basis.columns(3)).rest.tangents
+        T = Relaxation(run.scene, coordinates(run)).rest.tangents
         np.testing.assert_allclose(
             space.basis.fields @ space.decoder.jacobian(np.zeros(3)), T, atol=1e-6 * abs(T).max()
         )
