@@ -105,7 +105,7 @@ def linear_elasticity(run: Run, motion: str) -> float:
 def floors(run: Run, motion: str, label: str) -> list[Row]:
     """What is reached without any nonlinearity."""
     r = run.model.decoder.r
-    space = condensed_linear(Relaxation(run.scene, run.basis.columns(r)))
+    space = condensed_linear(Relaxation(run.scene, run.space("latent").reduced_basis.columns(r)))
     condensed = played(ReducedStepper(space, STOP), reference(run, motion)).relative_error
     return [
         row(run.experiment, f"floor, {label}, linear elasticity, full space", linear_elasticity(run, motion)),
