@@ -13,7 +13,7 @@ from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
 from ldsim.settings.enrich import current, enrich
-from ldsim.settings.make import MISSED, StageFailed, Staleness, made_by, make
+from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to_do
 
 
 @on_configuration("make", "Run what is missing or stale of a configuration, from the mesh to the report.")
@@ -32,8 +32,7 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
         ran = make(current(config), runs, until, click.echo)
     except StageFailed as failed:
         raise SystemExit(failed.status) from None
-    if not ran:  # a stage tells itself what it wrote
-        click.echo(f"nothing to do, {run.experiment} is up to date: {made_by(run, until).resolve()}")
+    click.echo("" if ran else nothing_to_do(run, until), nl=False)
     if words := missed(run.folder, asked["error"], asked["step"]):
         click.echo("\n".join(words), err=True)
     if pull:

@@ -226,9 +226,10 @@ def up_to(stage: str) -> tuple[str, ...]:
     return STAGES[: STAGES.index(stage) + 1]
 
 
-def made_by(run: Run, stage: str) -> Path:
-    """What a stage leaves for its reader."""
-    return run.folder / REPORT.with_suffix(".html") if stage == STAGES[-1] else run.path(KINDS_OF[stage][0])
+def nothing_to_do(run: Run, until: str) -> str:
+    """What is said where no stage ran, for each that does tells what it wrote."""
+    made = run.folder / REPORT.with_suffix(".html") if until == STAGES[-1] else run.path(KINDS_OF[until][0])
+    return f"nothing to do, {run.experiment} is up to date: {made.resolve()}\n"
 
 
 def changed_settings(before: str, now: Options) -> list[str]:
