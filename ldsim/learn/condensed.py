@@ -23,7 +23,7 @@ import torch
 from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
-from ldsim.learn.network import ACTIVATIONS, layers, perceptron
+from ldsim.learn.network import ACTIVATIONS, device_of, layers, perceptron
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.materials import material_number
@@ -157,7 +157,7 @@ class PotentialNetwork(torch.nn.Module):
     def energy(self, y: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
         """V_eff, (b,)."""
         strain = (torch.cat([y, features], dim=1) @ self.strain_maps().T).reshape(len(y), -1, 3, 3)
-        F = torch.eye(3, dtype=y.dtype) + strain
+        F = torch.eye(3, dtype=y.dtype, device=y.device) + strain
         density: torch.Tensor = stable_neo_hookean(F, self.ratio)
         return (density * self.logarithms.exp()).sum(dim=1)
 
@@ -183,7 +183,7 @@ def fit_condensed(
         watch: told the step, the loss, and the relative force error on the poses kept back, `JUDGED` times.
 
     Raises:
-        SolverError: there are too few samples, or the loss is not finite.
+        SolverError: there are too few samples, the loss is not finite, or the device asked for is not there.
     """
     fit = _Fit(samples, moduli, options)
     losses = []
@@ -205,32 +205,37 @@ class _Fit:
         if count < 10:
             raise SolverError(f"only {count} relaxed poses to fit a condensed space to; at least 10 are needed")
         self.samples, self.options, self.moduli = samples, options, moduli
+        self.device = device_of(options.device)
         values, vectors = np.linalg.eigh(samples.rest_stiffness)
         root = (vectors * np.sqrt(values)) @ vectors.T
         inverse = np.linalg.inv(root)
         self.unit = float(np.sqrt(np.mean(np.sum((samples.z @ root) ** 2, axis=1))))
         self.to_y = root / self.unit
         self.generator = torch.Generator().manual_seed(options.seed)
-        self.y = torch.tensor(samples.z @ self.to_y)
-        self.force = torch.tensor(samples.force @ inverse / self.unit)
-        self.hessian = torch.tensor(inverse @ samples.stiffness @ inverse)
-        values, vectors = np.linalg.eigh(self.hessian.numpy())
-        self.softness = torch.tensor((vectors / (np.abs(values) + HELD)[:, None]) @ vectors.transpose(0, 2, 1))
-        self.slaved, self.along = torch.tensor(samples.slaved), torch.tensor(samples.along)
-        self.directions = torch.tensor(samples.directions @ self.to_y)
+        self.y = self._tensor(samples.z @ self.to_y)
+        self.force = self._tensor(samples.force @ inverse / self.unit)
+        hessian = inverse @ samples.stiffness @ inverse
+        self.hessian = self._tensor(hessian)
+        values, vectors = np.linalg.eigh(hessian)
+        self.softness = self._tensor((vectors / (np.abs(values) + HELD)[:, None]) @ vectors.transpose(0, 2, 1))
+        self.slaved, self.along = self._tensor(samples.slaved), self._tensor(samples.along)
+        self.directions = self._tensor(samples.directions @ self.to_y)
         shuffled = torch.randperm(count, generator=self.generator)
         held = max(round(KEPT_BACK * count), 1)
         self.kept_back, self.fitted = shuffled[:held], shuffled[held:]
-        spread = self.slaved.square().mean(dim=0).sqrt()
+        spread = torch.tensor(samples.slaved).square().mean(dim=0).sqrt()
         ratio = torch.tensor(moduli[2] / moduli[1])
         tangents = torch.tensor(np.linalg.inv(self.to_y) @ samples.rest_slaved)
         with torch.random.fork_rng():
             torch.manual_seed(options.seed)
             shape = ratio, spread.clamp_min(0.01 * float(spread.max())), tangents
-            self.model = PotentialNetwork(*shape, options).double()
+            self.model = PotentialNetwork(*shape, options).double().to(self.device)
         self.optimiser = Soap(self.model.parameters(), RATE)
         # a relative error near rest would count rounding: what is smaller than a share of the median counts as that
         self.floors = [float(share * x.norm(dim=-1).median()) for share, x in self._sizes()]
+
+    def _tensor(self, values: Array) -> torch.Tensor:
+        return torch.tensor(values, device=self.device)
 
     def _sizes(self) -> tuple[tuple[float, torch.Tensor], ...]:
         return (0.1, self.y), (0.3, self.hessian[:, :, 0]), (0.2, self.slaved), (0.3, self.along)
@@ -251,13 +256,15 @@ class _Fit:
 
     def _loss(self, batch: torch.Tensor) -> torch.Tensor:
         model, generator = self.model, self.generator
+        # numbers are drawn on the processor, so that a graphics card sees the same poses and directions
+        v = torch.randn((len(batch), self.y.shape[1]), generator=generator, dtype=self.y.dtype).to(self.device)
+        one = torch.randint(0, self.directions.shape[1], (len(batch),), generator=generator).to(self.device)
+        batch = batch.to(self.device)
         y = self.y[batch].requires_grad_()
-        v = torch.randn(y.shape, generator=generator, dtype=y.dtype)
         v = v / v.norm(dim=1, keepdim=True)
         features, slaved = model.heads(y)
         (force,) = torch.autograd.grad(model.energy(y, features).sum(), y, create_graph=True)
         (image,) = torch.autograd.grad((force * v).sum(), y, create_graph=True)
-        one = torch.randint(0, self.directions.shape[1], (len(batch),), generator=generator)
         w = self.directions[batch, one]
         # J w as the derivative of Jᵀ c along w in c: two sweeps backwards, for the one forwards of torch warns
         c = torch.zeros_like(slaved, requires_grad=True)
@@ -276,13 +283,15 @@ class _Fit:
 
     def error(self, poses: torch.Tensor) -> float:
         """‖λ_fit − λ‖ / ‖λ‖ in energy coordinates, the median over some poses."""
+        poses = poses.to(self.device)
         y = self.y[poses].requires_grad_()
         (force,) = torch.autograd.grad(self.model.energy(y, self.model.heads(y)[0]).sum(), y)
         wrong = (force - self.force[poses]).norm(dim=1) / self.force[poses].norm(dim=1)
         return float(wrong.median())
 
     def result(self, loss: Array) -> Condensed:
-        model, F = self.model, self.to_y
+        errors = [self.error(poses) for poses in (self.fitted, self.kept_back)]
+        model, F = self.model.cpu(), self.to_y
         r, m, spread = len(F), model.features, model.spread.numpy()
         weights, biases = layers(model.network)
         # y = to_y z is folded into the first layer, the spread into the last; z itself comes by the skip
@@ -294,16 +303,15 @@ class _Fit:
         skip[:, r + m :] += self.samples.rest_slaved
         decoder = Decoder.network(weights, biases, self.options.activation, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])
-        return Condensed(decoder, Encoder((select,), (np.zeros(r),)), self._rule(r, decoder.k), loss)
+        return Condensed(decoder, Encoder((select,), (np.zeros(r),)), self._rule(r, decoder.k, errors), loss)
 
-    def _rule(self, r: int, k: int) -> CubatureRule:
+    def _rule(self, r: int, k: int, errors: list[float]) -> CubatureRule:
         points, mu, _ = self.moduli
         maps = np.zeros((len(points), 9, k))
         fitted = self.model.strain_maps().detach().numpy()
         maps[:, :, : r + self.model.features] = fitted.reshape(len(points), 9, -1)
         maps[:, :, :r] = maps[:, :, :r] @ self.to_y
         weights = self.unit**2 * self.model.logarithms.detach().exp().numpy() / mu
-        errors = [self.error(poses) for poses in (self.fitted, self.kept_back)]
         return CubatureRule(points, weights, errors[0], maps, errors[1], material=material_number(MATERIAL))
 
 

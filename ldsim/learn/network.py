@@ -9,11 +9,25 @@ import numpy as np
 import torch
 
 from ldsim.arrays import Array
+from ldsim.errors import SolverError
 from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
 ACTIVATIONS = {"elu": torch.nn.ELU, "relu": torch.nn.ReLU, "tanh": torch.nn.Tanh, "sigmoid": torch.nn.Sigmoid}
+
+
+def device_of(name: str) -> torch.device:
+    """Where a training runs; "auto" is CUDA where there is one.
+
+    Raises:
+        SolverError: CUDA is asked for and not there.
+    """
+    if name == "auto":
+        name = "cuda" if torch.cuda.is_available() else "cpu"
+    if name.startswith("cuda") and not torch.cuda.is_available():
+        raise SolverError(f"train.device is {name}, but torch sees no CUDA device; use auto or cpu")
+    return torch.device(name)
 
 
 class Autoencoder(torch.nn.Module):

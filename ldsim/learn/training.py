@@ -19,7 +19,7 @@ from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.learn.examples import Examples
 from ldsim.learn.losses import Projectors, curvature, divergence, equilibrium_shift, projectors
-from ldsim.learn.network import Autoencoder, extract
+from ldsim.learn.network import Autoencoder, device_of, extract
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
@@ -127,21 +127,12 @@ def _repeated(frames: torch.Tensor, recorded: int, share: float) -> torch.Tensor
     return torch.cat([own.repeat(times), others])
 
 
-def _device(name: str) -> torch.device:
-    """The device of that name; "auto" is CUDA where there is one."""
-    if name == "auto":
-        name = "cuda" if torch.cuda.is_available() else "cpu"
-    if name.startswith("cuda") and not torch.cuda.is_available():
-        raise SolverError(f"train.device is {name}, but torch sees no CUDA device; use auto or cpu")
-    return torch.device(name)
-
-
 class _Fit:
     """One training; keeps the weights of the lowest validation loss of its last phase."""
 
     def __init__(self, examples: Examples, r: int, options: TrainOptions, ordered: bool = False) -> None:
         self.scale, self.examples = _checked_scale(examples.q, r, options), examples
-        self.options, self.ordered, self.device = options, ordered, _device(options.device)
+        self.options, self.ordered, self.device = options, ordered, device_of(options.device)
         self.generator = torch.Generator().manual_seed(options.seed)
         data = torch.tensor(examples.q / self.scale, dtype=torch.float32)
         shuffled = torch.randperm(len(data), generator=self.generator)

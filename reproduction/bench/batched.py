@@ -3,7 +3,7 @@
 All instances of a finished run's latent model step together, each pulled at a vertex, in a direction and with a
 stiffness of its own: on a CPU, in double precision by one thread and by one a core, and in single precision, and where
 there is one on a GPU. Beside them the serial stepper, which takes the same steps one instance after another. `--quick`
-takes three sizes. The results are written after each size.
+takes three sizes, `--device cuda` the graphics card alone. The results are written after each size.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def serial_rate(stepper: ReducedStepper, loads: list[Loads]) -> float:
     return len(loads) * TIMED / spent
 
 
-def measure(model: str, space: Space, sizes: tuple[int, ...]) -> None:
-    """Measure and write all sizes of one model."""
+def measure(name: str, model: str, space: Space, sizes: tuple[int, ...], only: str | None) -> None:
+    """Measure and write all sizes of one model, on one device or on all."""
     rows: list[Row] = []
 
     def note(quantity: str, value: float, unit: str) -> None:
@@ -113,35 +113,34 @@ def measure(model: str, space: Space, sizes: tuple[int, ...]) -> None:
     serial = ReducedStepper(space, ReducedOptions(tolerance=TOLERANCE[torch.float64]))
     serial_rate(serial, loads[:1])
     note("serial", max(serial_rate(serial, loads[:16]) for _ in range(REPEATS)), "steps/s")
-    for device, dtype, threads in ways():
+    for device, dtype, threads in ways(only):
         stepper = BatchedStepper(space, tolerance=TOLERANCE[dtype], device=device, dtype=dtype)
         torch.set_num_threads(threads)
         for size in sizes:
             started = time.perf_counter()
             rate, iterations, converged = batched_rate(stepper, loads[:size])
-            name = f"{device} {str(dtype).removeprefix('torch.')}, {threads} threads, {size} instances"
-            note(f"batched on {name}", rate, "steps/s")
-            note(f"iterations a step on {name}", iterations, "")
-            note(f"converged on {name}", converged, "share")
-            write(model, rows, sizes == QUICK)
+            how = f"{device} {str(dtype).removeprefix('torch.')}, {threads} threads, {size} instances"
+            note(f"batched on {how}", rate, "steps/s")
+            note(f"iterations a step on {how}", iterations, "")
+            note(f"converged on {how}", converged, "share")
+            write(name, rows)
             if device == "cpu" and time.perf_counter() - started > LONGEST:
                 break
     note("serial, again", max(serial_rate(serial, loads[:16]) for _ in range(REPEATS)), "steps/s")
-    write(model, rows, sizes == QUICK)
+    write(name, rows)
 
 
-def ways() -> Iterator[tuple[str, torch.dtype, int]]:
+def ways(only: str | None) -> Iterator[tuple[str, torch.dtype, int]]:
     """Device, type and threads."""
     cores = len(os.sched_getaffinity(0))
-    yield from (("cpu", torch.float64, threads) for threads in sorted({1, cores}))
-    yield "cpu", torch.float32, 1
+    found = [("cpu", torch.float64, threads) for threads in sorted({1, cores})] + [("cpu", torch.float32, 1)]
     if torch.cuda.is_available():
-        yield from (("cuda", dtype, 1) for dtype in (torch.float64, torch.float32))
+        found += [("cuda", dtype, 1) for dtype in (torch.float64, torch.float32)]
+    yield from (each for each in found if only in (None, each[0]))
 
 
-def write(model: str, rows: list[Row], quick: bool) -> None:
+def write(name: str, rows: list[Row]) -> None:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
-    name = f"batched_{model}{'_quick' if quick else ''}"
     write_results(name, called(NAME), rows, machine=describe_machine() | {"gpu": gpu}, inputs=ROOMS)
 
 
@@ -149,9 +148,12 @@ def main() -> None:
     arguments = parser(NAME, __doc__)
     arguments.add_argument("run", type=Path, help="folder of a finished run")
     arguments.add_argument("--quick", action="store_true", help="three sizes")
+    arguments.add_argument("--device", choices=("cpu", "cuda"), help="this one alone")
     given = arguments.parse_args()
+    model, sizes = given.run.name, QUICK if given.quick else SIZES
+    name = "_".join([NAME, model, *([given.device] if given.device else []), *(["quick"] if given.quick else [])])
     with Run.open(given.run) as run, one_thread():
-        measure(given.run.name, run.space("latent"), QUICK if given.quick else SIZES)
+        measure(name, model, run.space("latent"), sizes, given.device)
 
 
 if __name__ == "__main__":

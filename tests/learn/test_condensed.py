@@ -21,7 +21,10 @@ R, K, POINTS = 2, 3, 6
 S0 = np.array([[4.0, 1.0], [1.0, 9.0]])
 T0 = np.array([[0.3, 0.0, -0.1], [0.1, 0.2, 0.4]])
 OPTIONS = TrainOptions(
-    kind="condensed", hidden=(16,), condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400)
+    kind="condensed",
+    hidden=(16,),
+    device="cpu",
+    condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400),
 )
 
 
@@ -47,9 +50,14 @@ def samples(count: int = 200) -> CondensedSamples:
 MU, LAM = np.full(POINTS, 2e4), np.full(POINTS, 3e4)
 
 
+@pytest.fixture(scope="module", params=["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"])
+def options(request: pytest.FixtureRequest) -> TrainOptions:
+    return OPTIONS.replace(device=request.param)
+
+
 @pytest.fixture(scope="module")
-def fitted() -> Condensed:
-    return fit_condensed(samples(), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
+def fitted(options: TrainOptions) -> Condensed:
+    return fit_condensed(samples(), (np.arange(POINTS), MU, LAM), options, lambda *seen: None)
 
 
 def gradient(found: Condensed, z: Array) -> Array:
@@ -84,8 +92,10 @@ def test_rest_is_at_rest(fitted: Condensed) -> None:
 
 
 @pytest.mark.parametrize("activation", ["elu", "tanh", "sigmoid", "relu"])
-def test_at_rest_stiffness_and_tangents_are_exact_however_little_was_learned(activation: str) -> None:
-    options = OPTIONS.replace(activation=activation, condensed=OPTIONS.condensed.replace(steps=3))
+def test_at_rest_stiffness_and_tangents_are_exact_however_little_was_learned(
+    activation: str, options: TrainOptions
+) -> None:
+    options = options.replace(activation=activation, condensed=options.condensed.replace(steps=3))
     found = fit_condensed(samples(), (np.arange(POINTS), MU, LAM), options, lambda *seen: None)
     np.testing.assert_allclose(found.decoder.jacobian(np.zeros(R))[-K:], T0.T, atol=1e-12)
     h = 1e-5
@@ -111,8 +121,8 @@ def test_the_decoder_begins_with_its_own_coordinates_and_the_encoder_takes_them(
     assert np.median(off) < 0.1
 
 
-def test_the_same_seed_gives_the_same_model(fitted: Condensed) -> None:
-    again = fit_condensed(samples(), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
+def test_the_same_seed_gives_the_same_model(fitted: Condensed, options: TrainOptions) -> None:
+    again = fit_condensed(samples(), (np.arange(POINTS), MU, LAM), options, lambda *seen: None)
     np.testing.assert_array_equal(again.decoder.layers.weights, fitted.decoder.layers.weights)
     np.testing.assert_array_equal(again.potential.weights, fitted.potential.weights)
 
