@@ -6,7 +6,7 @@ In a page stands
     <!-- table: pipeline.json | motions --> … <!-- /table -->
 
 and what is between the two comments is written anew from the file; a test fails where they differ. A table ends in
-where it comes from, and whether code or configurations have changed since.
+where it comes from, and which code or configurations have changed since.
 """
 
 from __future__ import annotations
@@ -62,16 +62,11 @@ def _table(file: str, content: Content, name: str) -> str:
     head, *lines = TABLES[name](content)
     rows = [head, ["---"] * len(head), *lines]
     body = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    machine, stale = content["machine"], is_stale(content)
-    told = (
-        " **Stale**: code or configurations have changed since, or it does not say what it was made from."
-        if stale
-        else ""
-    )
+    machine = content["machine"]
     commit = f", commit {content['commit']}" if content.get("commit") else ""
     return (
         f"\n\n{body}\n\nMeasured by `{content['command']}` on {machine['cpu']}, {machine['cores']} cores, "
-        f"{content['created'][:10]}{commit} (`reproduction/results/{file}`).{told}\n\n"
+        f"{content['created'][:10]}{commit} (`reproduction/results/{file}`).{staleness(content)}\n\n"
     )
 
 
@@ -112,7 +107,11 @@ def _hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def is_stale(content: Content) -> bool:
-    """Whether what a result was made from has changed since, or is not known."""
+def staleness(content: Content) -> str:
+    """What a page says of a result some of whose inputs have changed since, or are not known; else nothing."""
     inputs = content.get("inputs")
-    return not inputs or input_hashes(inputs) != inputs
+    if not inputs:
+        return " **Stale**: it does not say what it was made from."
+    now = input_hashes(inputs)
+    changed = ", ".join(f"`{name}`" for name in inputs if now[name] != inputs[name])
+    return f" **Stale**: changed since: {changed}." if changed else ""

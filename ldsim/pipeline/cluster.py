@@ -99,7 +99,8 @@ def result(future: Future[None], died: type[Exception] = BrokenProcessPool) -> N
     except died as error:
         raise WorkerDied(
             "worker processes died again and again on one motion (out of memory?); finished frames are kept — run "
-            "again to continue, with a smaller snapshot.workers if memory is short"
+            "again to continue, with a smaller snapshot.workers if memory is short; a script of your own has to call "
+            'this below `if __name__ == "__main__":`'
         ) from error
     except MemoryError as error:
         raise SolverError(

@@ -11,7 +11,7 @@ from typing import Any
 from ldsim.report.paper import paper_row
 from ldsim.report.wording import plain_number
 from reproduction.harness import PICTURES, RESULTS
-from reproduction.pages import is_stale
+from reproduction.pages import staleness
 from reproduction.paper.experiment import Experiment
 from reproduction.paper.table import EXPERIMENTS
 
@@ -71,14 +71,9 @@ def _section(name: str, experiment: Experiment, content: Mapping[str, Any]) -> I
     if experiment.found:
         yield f"\n**Here.** {experiment.found}\n"
     machine = content["machine"]
-    stale = (
-        " **Stale**: code or configurations have changed since, or it does not say what it was made from."
-        if is_stale(content)
-        else ""
-    )
     yield (
         f"\nMade by `{content['command']}` on {machine['cpu']}, {machine['cores']} cores, {content['created'][:10]}, "
-        f"commit {content['commit']} (`reproduction/results/paper/{name}.json`).{stale}\n\n"
+        f"commit {content['commit']} (`reproduction/results/paper/{name}.json`).{staleness(content)}\n\n"
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from reproduction.pages import PAGES, ROOT, filled, input_hashes, is_stale, unmarked
+from reproduction.pages import PAGES, ROOT, filled, input_hashes, staleness, unmarked
 
 MEASURED = re.compile(r"\d[\d.,]*\s?(?:%|ms\b|µs\b|min\b|times as)")
 
@@ -67,9 +67,9 @@ def test_a_quantity_that_no_row_has_is_an_error(tmp_path: Path) -> None:
 
 def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
     inputs = input_hashes(["ldsim/space", "configs/demo.yaml"])
-    assert not is_stale({"inputs": inputs})
-    assert is_stale({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
-    assert is_stale({"inputs": {}}) and is_stale({})
+    assert not staleness({"inputs": inputs})
+    assert staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}}).endswith("changed since: `configs/demo.yaml`.")
+    assert staleness({"inputs": {}}) and staleness({})
 
 
 def test_a_stale_table_says_so(tmp_path: Path) -> None:
