@@ -38,6 +38,11 @@ def on_role(run: Run, role: str) -> list[Standing]:
     names = [
         name for name, recorded in run.motions.items() if recorded.role == role and name in run.simulation["latent"]
     ]
+    return on_motions(run, names)
+
+
+def on_motions(run: Run, names: Sequence[str]) -> list[Standing]:
+    """Every reduced space on some motions together."""
     return standings({space: runs(run, space) for space in spaces(run)}, names)
 
 
@@ -60,7 +65,7 @@ def advice(run: Run) -> list[str]:
     """Which space to use for this solid, in one sentence; none where no error is known."""
     roles = {name: recorded.role for name, recorded in run.motions.items() if name in run.simulation["latent"]}
     names = judging(roles, ("validation", "train"))
-    found = standings({space: runs(run, space) for space in spaces(run)}, names)
+    found = on_motions(run, names)
     space = str(run.header("simulation").notes.get("space", "latent"))
     use = next((each for each in found if each.space == space), None)
     if use is None:

@@ -47,8 +47,9 @@ class Settings(Options):
 STAGES = tuple(name for name in Settings.model_fields if name != "experiment")
 
 
-def load_settings(path: Path, experiment: str | None = None) -> Settings:
+def load_settings(path: str | Path, experiment: str | None = None) -> Settings:
     """Read and check a configuration, and refuse one of another experiment; see `read_options`."""
+    path = Path(path)
     if path.suffix.lower() in MESHES:
         raise SettingsError(
             f"{path} is a mesh or surface file, not a configuration; `ldsim new {path}` looks at it and writes "

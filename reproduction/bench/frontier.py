@@ -22,7 +22,7 @@ import numpy as np
 
 from ldsim.errors import SettingsError
 from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
-from ldsim.report.frontier import dimension, on_role, points
+from ldsim.report.frontier import dimension, on_motions, on_role, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
@@ -37,6 +37,7 @@ SHARED = ("scene", "snapshots", "tests", "basis")
 ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "pipeline")]
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
+MEASURED = re.compile(rf"{STEP}, (.+), (\w+) (\d+), .*, seed (\d+)")  # motions, kind, dimension and seed
 SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seeds
 
 
@@ -71,29 +72,38 @@ def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tu
 def rows_of(model: str, kind: str, seed: int, run: Run, linear: bool) -> list[Row]:
     """What a run measured of its latent space, and of its linear ones where they are wanted."""
     rows = []
-    for role in ROLES:
-        for found in on_role(run, role):
+    for motions, spaces in judged(run):
+        for found in spaces:
             latent = found.space == "latent"
             if latent or linear:
                 sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
-                label = f"{role}, {kind if latent else 'linear'} {sizes}, seed {seed}"
+                label = f"{motions}, {kind if latent else 'linear'} {sizes}, seed {seed}"
                 rows.append(row(model, f"{ERROR}, {label}", found.error))
                 rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
     return rows
 
 
+def judged(run: Run) -> Iterator[tuple[str, list[Standing]]]:
+    """Every space on the motions of a role together, and on each of them where a role has several."""
+    for role in ROLES:
+        yield role, on_role(run, role)
+        names = [name for name in run.simulation["latent"] if run.motions[name].role == role]
+        for name in names if len(names) > 1 else ():
+            yield f"{name} ({role})", on_motions(run, [name])
+
+
 def compared(model: str, rows: Sequence[Row]) -> list[Row]:
     """Every latent space beside the linear ones of its seed, and the best of those, from the rows of all runs."""
     found = []
-    for role in ROLES:
-        own = list(marks(rows, role))
+    for motions in dict.fromkeys(told[1] for r in rows if (told := MEASURED.fullmatch(r["quantity"]))):
+        own = list(marks(rows, motions))
         for seed in SEEDS:
             linear = [standing(mark) for mark in own if mark.seed == seed and mark.kind == "linear"]
             if best := min(linear, key=lambda each: each.error, default=None):
-                found += error_and_step(model, f"{role}, best linear, seed {seed}", best)
+                found += error_and_step(model, f"{motions}, best linear, seed {seed}", best)
             for mark in (mark for mark in own if mark.seed == seed and mark.kind != "linear"):
                 latent, equal, best = equal_error([standing(mark), *linear])
-                label = f"{role}, {mark.kind}, seed {seed}"
+                label = f"{motions}, {mark.kind}, seed {seed}"
                 found += error_and_step(model, label, standing(mark))
                 if latent is not None and best is not None and math.isfinite(latent.error):
                     ratio = math.nan if equal is None else equal.seconds / latent.seconds
@@ -146,12 +156,12 @@ class Mark(NamedTuple):
     error: float
 
 
-def marks(rows: Sequence[Row], role: str) -> Iterator[Mark]:
-    """Every space on the motions of a role; the error of one that was lost is infinite."""
+def marks(rows: Sequence[Row], motions: str) -> Iterator[Mark]:
+    """Every space on the motions of a role, or on one of them; the error of one that was lost is infinite."""
     value = {r["quantity"]: r["value"] for r in rows}
     for name, ms in value.items():
-        if told := re.fullmatch(rf"{STEP}, ({role}, (\w+) (\d+), .*, seed (\d+))", name):
-            error = value[f"{ERROR}, {told[1]}"]
+        if (told := MEASURED.fullmatch(name)) and told[1] == motions:
+            error = value[name.replace(STEP, ERROR, 1)]
             ms, error = math.nan if ms is None else ms, math.inf if error is None else error
             yield Mark(told[2], int(told[3]), int(told[4]), ms, error)
 

@@ -68,7 +68,8 @@ def test_a_quantity_that_no_row_has_is_an_error(tmp_path: Path) -> None:
 def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
     inputs = input_hashes(["ldsim/space", "configs/demo.yaml"])
     assert not staleness({"inputs": inputs})
-    assert staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}}).endswith("changed since: `configs/demo.yaml`.")
+    told = staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
+    assert told.endswith("changed since: `configs/demo.yaml`.")
     assert staleness({"inputs": {}}) and staleness({})
 
 

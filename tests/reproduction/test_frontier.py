@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.report.frontier import on_role
+from ldsim.report.frontier import on_motions, on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.bench.frontier import ERROR, STEP, compared, marks, over_seeds, picture, rows_of, seeded
 from reproduction.harness import ROOT, Row, row
-from tests.report.small_run import write_run
+from tests.report.small_run import ROLES, write_run
 
 RATIO = "linear step over latent step at equal error, test, condensed"
 
@@ -55,6 +55,18 @@ def test_every_space_of_a_run_is_measured_and_linear_ones_where_they_are_wanted(
     assert {(mark.error, mark.ms) for mark in marks(all_of_them, role)} == {
         (each.error, 1e3 * each.seconds) for each in spaces
     }
+
+
+def test_where_a_role_has_several_motions_each_has_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ROLES, "push", "train")
+    write_run(tmp_path)
+    with Run.open(tmp_path) as run:
+        rows = rows_of("solid", "autoencoder", 1, run, linear=True)
+        alone = {name: on_motions(run, [name]) for name in ("pull_1", "push")}
+    for name, spaces in alone.items():
+        assert [mark.error for mark in marks(rows, f"{name} (train)")] == [each.error for each in spaces]
+    names = {each["quantity"] for each in compared("solid", rows)}
+    assert {f"error, {motions}, autoencoder, seed 1" for motions in ("train", "push (train)")} < names
 
 
 def test_a_latent_space_is_compared_with_the_fastest_as_good_and_with_the_best_of_its_seed() -> None:
