@@ -1,4 +1,4 @@
-"""Error against the time of a step of every reduced space of a solid, three seeds, the same treatment for all.
+"""Error against the time of a step of every reduced space of a solid, three seeds or fewer, the same treatment for all.
 
     python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
 
@@ -38,6 +38,7 @@ ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn",
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
 MEASURED = re.compile(rf"{STEP}, (.+), (\w+) (\d+), .*, seed (\d+)")  # motions, kind, dimension and seed
+NUMBERS = {1: "one seed", 2: "two seeds", 3: "three seeds"}
 SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seeds
 
 
@@ -50,7 +51,9 @@ def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
     return settings.model_copy(update={"experiment": first.experiment, "train": train, "cubature": cubature})
 
 
-def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tuple[str, int, Path]]:
+def made(
+    configurations: Sequence[Path], runs: Path, again: bool, seeds: Sequence[int] = SEEDS
+) -> Iterator[tuple[str, int, Path]]:
     """Kind, seed and folder of every run, all made before the first is stepped."""
     wanted, first = [], load_settings(configurations[0])
     shared = finished(runs / first.experiment, first, ONCE, configurations[0].parent)
@@ -58,7 +61,7 @@ def made(configurations: Sequence[Path], runs: Path, again: bool) -> Iterator[tu
         settings = first if path == configurations[0] else load_settings(path)
         if other := [name for name in ONCE if settings.section(name) != first.section(name)]:
             raise SettingsError(f"{path} has another section {other[0]} than {configurations[0]}; they share one run")
-        for seed in SEEDS:
+        for seed in seeds:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
             own = seeded(settings, seed, first)
             finished(folder, own, ("train", "cubature"), path.parent)
@@ -97,7 +100,7 @@ def compared(model: str, rows: Sequence[Row]) -> list[Row]:
     found = []
     for motions in dict.fromkeys(told[1] for r in rows if (told := MEASURED.fullmatch(r["quantity"]))):
         own = list(marks(rows, motions))
-        for seed in SEEDS:
+        for seed in sorted({mark.seed for mark in own}):
             linear = [standing(mark) for mark in own if mark.seed == seed and mark.kind == "linear"]
             if best := min(linear, key=lambda each: each.error, default=None):
                 found += error_and_step(model, f"{motions}, best linear, seed {seed}", best)
@@ -127,7 +130,7 @@ def error_and_step(model: str, label: str, found: Standing) -> list[Row]:
     ]
 
 
-def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
+def over_seeds(model: str, rows: Sequence[Row], seeds: Sequence[int] = SEEDS) -> list[Row]:
     """Of every ratio, error and step the least, the middle one and the largest, where no seed lacks it.
 
     A seed has no ratio of steps where no linear space is as good, none of errors where all linear spaces were lost, and
@@ -137,8 +140,8 @@ def over_seeds(model: str, rows: Sequence[Row]) -> list[Row]:
     names = dict.fromkeys(r["quantity"].rsplit(", seed", 1)[0] for r in rows if SUMMED.match(r["quantity"]))
     for name in names:
         values = [r["value"] for r in rows if r["quantity"].startswith(f"{name}, seed")]
-        if len(values) < len(SEEDS) or None in values:
-            found.append(row(model, f"{name}, seeds in which the latent space was lost", len(SEEDS) - len(values)))
+        if len(values) < len(seeds) or None in values:
+            found.append(row(model, f"{name}, seeds in which the latent space was lost", len(seeds) - len(values)))
             found.append(row(model, f"{name}, seeds that have none", values.count(None)))
             continue
         for what, value in zip(("least", "middle", "largest"), np.quantile(values, (0, 0.5, 1)), strict=True):
@@ -169,8 +172,8 @@ def marks(rows: Sequence[Row], motions: str) -> Iterator[Mark]:
 def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     """Online error on the motions of a role against the median step: every space, every seed."""
     figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
-    named = set()
-    for mark in (each for each in marks(rows, role) if math.isfinite(each.error)):
+    named, all_marks = set(), list(marks(rows, role))
+    for mark in (each for each in all_marks if math.isfinite(each.error)):
         colour = PALETTE[COLOURS[mark.kind]]
         label = "" if mark.kind in named else mark.kind
         ax.plot(mark.ms, 100 * mark.error, "o", color=colour, markersize=4, label=label)
@@ -181,19 +184,20 @@ def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     for axis in "xy":
         log_scale(ax, axis)
     legend(ax)
-    return to_svg(
-        figure, f"Online error on the {role} motions of {model} against the median time of a step, three seeds"
-    )
+    seeds = NUMBERS[len({mark.seed for mark in all_marks})]
+    return to_svg(figure, f"Online error on the {role} motions of {model} against the median time of a step, {seeds}")
 
 
 def main() -> None:
     arguments = parser(NAME, __doc__)
     arguments.add_argument("configurations", nargs="+", type=Path, help="one for each kind of latent space")
     arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
+    arguments.add_argument("--seeds", type=int, choices=SEEDS, default=len(SEEDS), help="how many of them")
     arguments.add_argument("--again", action="store_true", help="step the motions anew")
     given = arguments.parse_args()
     rows, model, seen = list[Row](), load_settings(given.configurations[0]).experiment, set[int]()
-    for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again):
+    seeds = SEEDS[: given.seeds]
+    for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again, seeds):
         with Run.open(folder) as run:
             rows += rows_of(model, kind, seed, run, linear=seed not in seen)
             seen.add(seed)
@@ -201,7 +205,7 @@ def main() -> None:
                 for motion in run.played.names:
                     rows += floors(run, motion, f"{motion} ({run.recorded(motion).role})")
     rows += compared(model, rows)
-    rows += over_seeds(model, rows)
+    rows += over_seeds(model, rows, seeds)
     show(rows, model)
     own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]
     write_results(f"{NAME}_{model}", called(NAME), rows, inputs=[*ROOMS, *own])
