@@ -114,4 +114,4 @@ def staleness(content: Content) -> str:
         return " **Stale**: it does not say what it was made from."
     now = input_hashes(inputs)
     changed = ", ".join(f"`{name}`" for name in inputs if now[name] != inputs[name])
-    return f" **Stale**: changed since: {changed}." if changed else ""
+    return f" **Stale**: {changed} changed since." if changed else ""

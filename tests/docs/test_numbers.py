@@ -69,7 +69,7 @@ def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
     inputs = input_hashes(["ldsim/space", "configs/demo.yaml"])
     assert not staleness({"inputs": inputs})
     told = staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
-    assert told.endswith("changed since: `configs/demo.yaml`.")
+    assert told.endswith(" `configs/demo.yaml` changed since.")
     assert staleness({"inputs": {}}) and staleness({})
 
 

@@ -127,6 +127,12 @@ def test_the_same_seed_gives_the_same_model(fitted: Condensed, options: TrainOpt
     np.testing.assert_array_equal(again.potential.weights, fitted.potential.weights)
 
 
+@pytest.mark.skipif(torch.cuda.is_available(), reason="has a graphics card")
+def test_a_graphics_card_that_is_not_there_is_refused() -> None:
+    with pytest.raises(SolverError, match="sees no CUDA device; use auto or cpu"):
+        fit_condensed(samples(), (np.arange(POINTS), MU, LAM), OPTIONS.replace(device="cuda"), lambda *seen: None)
+
+
 def test_too_few_poses_are_refused() -> None:
     with pytest.raises(SolverError, match="only 5 relaxed poses"):
         fit_condensed(samples(5), (np.arange(POINTS), MU, LAM), OPTIONS, lambda *seen: None)
