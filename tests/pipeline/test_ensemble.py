@@ -325,6 +325,7 @@ def test_workers_without_memory_are_told_in_one_line(failure: Exception, words: 
         result(future, KilledWorker if isinstance(failure, KilledWorker) else BrokenProcessPool)
     message = str(refusal.value)
     assert message.startswith(words) and "finished frames are kept" in message and "\n" not in message
+    assert ("__main__" in message) == ("died" in words), "a script without its guard ends its workers too"
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere://127.0.0.1:1", "127.0.0.1"])
