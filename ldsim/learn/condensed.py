@@ -23,18 +23,17 @@ import torch
 from ldsim.arrays import Array, Indices
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
-from ldsim.learn.network import ACTIVATIONS, device_of, layers, perceptron
+from ldsim.learn.network import device_of, layers
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
+from ldsim.learn.potential import PotentialNetwork
+from ldsim.learn.stress import MATERIAL
 from ldsim.mechanics.materials import material_number
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 
 Watch = Callable[[int, float, float], None]
 
-# It stays finite where a point is inverted, and grows on: of a material that does not, a fit may put a wall where no
-# sample has been, and the model's own runs never come to what lies behind it.
-MATERIAL = "stable_neo_hookean"
 RATE, BATCH, WARM_UP = 2e-2, 128, 0.03
 # Shares of the loss: products with the Hessian, the slaved pose, and its tangents, beside the forces.
 HESSIAN, SLAVED, TANGENTS = 0.3, 1.0, 3.0
@@ -45,12 +44,6 @@ SMALL = 1e-3
 # Share of the poses kept back, which judge and are fitted by nothing.
 KEPT_BACK = 0.1
 JUDGED = 50
-SLOPES: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
-    "elu": lambda x: x.clamp_max(0).exp(),
-    "relu": lambda x: (x > 0).to(x.dtype),
-    "tanh": lambda x: 1 - x.tanh().square(),
-    "sigmoid": lambda x: x.sigmoid() * (1 - x.sigmoid()),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,88 +82,6 @@ class Condensed:
     encoder: Encoder
     potential: CubatureRule
     loss: Array
-
-
-class PotentialNetwork(torch.nn.Module):
-    """V_eff and the slaved coordinates as functions of y, in units in which the samples are of size one.
-
-    At rest both are exact to first order by construction: the Hessian of V_eff is the identity, and the slaved
-    coordinates move as T₀ does.
-
-    Args:
-        ratio: λ/μ of the material of each point, (c,).
-        spread: root mean square of each slaved coordinate, (k,).
-        tangents: of the slaved coordinates at rest, (r, k).
-    """
-
-    ratio: torch.Tensor
-    spread: torch.Tensor
-    tangents: torch.Tensor
-
-    def __init__(
-        self, ratio: torch.Tensor, spread: torch.Tensor, tangents: torch.Tensor, options: TrainOptions
-    ) -> None:
-        super().__init__()
-        r = len(tangents)
-        points, features, k = len(ratio), options.condensed.features, len(spread)
-        self.features = features
-        self.network = perceptron([r, *options.hidden, features + k], options.activation)
-        self.activation = ACTIVATIONS[options.activation]()
-        self._slope = SLOPES[options.activation]
-        # small strains, so that no point starts inverted
-        self.maps = torch.nn.Parameter(0.15 / math.sqrt(r) * torch.randn(9 * points, r + features))
-        self.logarithms = torch.nn.Parameter(torch.full((points,), math.log(3.0 / points)))
-        last = self.network[-1]
-        assert isinstance(last, torch.nn.Linear)
-        torch.nn.init.normal_(last.weight, 0.0, 0.1 / math.sqrt(last.in_features))
-        self.register_buffer("ratio", ratio)
-        self.register_buffer("spread", spread)
-        self.register_buffer("tangents", tangents)
-
-    def slope(self) -> torch.Tensor:
-        """The Jacobian of the network at rest, (r, m + k)."""
-        first, *others = (each for each in self.network if isinstance(each, torch.nn.Linear))
-        x, J = first.bias, first.weight.T
-        for layer in others:
-            J = (J * self._slope(x)) @ layer.weight.T
-            x = layer(self.activation(x))
-        return J
-
-    def heads(self, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The features f, (b, m), and the slaved coordinates, (b, k)."""
-        out = self.network(y) - self.network(torch.zeros_like(y[:1])) - y @ self.slope()
-        return out[:, : self.features], out[:, self.features :] * self.spread + y @ self.tangents
-
-    def strain_maps(self) -> torch.Tensor:
-        """G of all points, (9c, r + m): the leading columns such that the Hessian at rest is the identity."""
-        r = len(self.tangents)
-        G = self.maps[:, :r].reshape(-1, 3, 3, r)
-        trace = G[:, 0, 0] + G[:, 1, 1] + G[:, 2, 2]
-        strain = 0.5 * (G + G.transpose(1, 2))
-        weights = self.logarithms.exp()
-        # Ψ/μ = ‖ε‖² + ½ (λ/μ) (tr ε)² for small strains
-        H = 2 * torch.einsum("s,sijp,sijq->pq", weights, strain, strain)
-        H = H + torch.einsum("s,sp,sq->pq", weights * self.ratio, trace, trace)
-        leading = torch.linalg.solve_triangular(torch.linalg.cholesky(H), self.maps[:, :r].T, upper=False).T
-        return torch.cat([leading, self.maps[:, r:]], dim=1)
-
-    def energy(self, y: torch.Tensor, features: torch.Tensor) -> torch.Tensor:
-        """V_eff, (b,)."""
-        strain = (torch.cat([y, features], dim=1) @ self.strain_maps().T).reshape(len(y), -1, 3, 3)
-        F = torch.eye(3, dtype=y.dtype, device=y.device) + strain
-        density: torch.Tensor = stable_neo_hookean(F, self.ratio)
-        return (density * self.logarithms.exp()).sum(dim=1)
-
-
-def stable_neo_hookean(F: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
-    """Ψ/μ of Smith et al. 2018, Eq. 14, with the Lamé parameters of small strains (Sec. 3.4) and zero at rest."""
-    a, b, c = F[..., 0, :], F[..., 1, :], F[..., 2, :]
-    J, I1 = (a * torch.linalg.cross(b, c)).sum(dim=-1), (F * F).sum(dim=(-1, -2))
-    mu, lam = 4 / 3, ratio + 5 / 6
-    alpha = 1 + 0.75 * mu / lam
-    rest = 0.5 * lam * (1 - alpha).square() - 0.5 * mu * math.log(4)
-    density: torch.Tensor = 0.5 * (mu * (I1 - 3 - (I1 + 1).log()) + lam * (J - alpha).square()) - rest
-    return density
 
 
 def fit_condensed(
@@ -260,16 +171,9 @@ class _Fit:
         v = torch.randn((len(batch), self.y.shape[1]), generator=generator, dtype=self.y.dtype).to(self.device)
         one = torch.randint(0, self.directions.shape[1], (len(batch),), generator=generator).to(self.device)
         batch = batch.to(self.device)
-        y = self.y[batch].requires_grad_()
         v = v / v.norm(dim=1, keepdim=True)
-        features, slaved = model.heads(y)
-        (force,) = torch.autograd.grad(model.energy(y, features).sum(), y, create_graph=True)
-        (image,) = torch.autograd.grad((force * v).sum(), y, create_graph=True)
         w = self.directions[batch, one]
-        # J w as the derivative of Jᵀ c along w in c: two sweeps backwards, for the one forwards of torch warns
-        c = torch.zeros_like(slaved, requires_grad=True)
-        (pulled,) = torch.autograd.grad((slaved * c).sum(), y, create_graph=True)
-        (along,) = torch.autograd.grad((pulled * w).sum(), c, create_graph=True)
+        force, image, slaved, along = model.derivatives(self.y[batch], v, w)
         expected = torch.einsum("bij,bj->bi", self.hessian[batch], v)
         moved = torch.einsum("bij,bj->bi", self.softness[batch], force - self.force[batch])
         floors = self.floors
@@ -284,8 +188,9 @@ class _Fit:
     def error(self, poses: torch.Tensor) -> float:
         """‖λ_fit − λ‖ / ‖λ‖ in energy coordinates, the median over some poses."""
         poses = poses.to(self.device)
-        y = self.y[poses].requires_grad_()
-        (force,) = torch.autograd.grad(self.model.energy(y, self.model.heads(y)[0]).sum(), y)
+        y = self.y[poses]
+        with torch.no_grad():
+            force = self.model.derivatives(y, 0 * y, 0 * y)[0]
         wrong = (force - self.force[poses]).norm(dim=1) / self.force[poses].norm(dim=1)
         return float(wrong.median())
 
@@ -299,7 +204,7 @@ class _Fit:
         out = np.concatenate([np.ones(m), spread])
         weights[-1] = np.hstack([np.zeros((len(weights[-1]), r)), weights[-1] * out])
         biases[-1] = np.concatenate([np.zeros(r), biases[-1] * out])
-        skip = np.hstack([np.eye(r), -F @ model.slope().detach().numpy() * out])
+        skip = np.hstack([np.eye(r), -F @ model.at_rest()[1].detach().numpy() * out])
         skip[:, r + m :] += self.samples.rest_slaved
         decoder = Decoder.network(weights, biases, self.options.activation, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])

@@ -7,6 +7,7 @@ in the order of the cells, whatever their materials: it is the order of the sums
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -204,7 +205,11 @@ def _strains(elements: Elements, s: int, fields: Array, G: Array) -> float:
             for i in range(3):
                 for j in range(3):
                     G[f, 3 * i + j] += fields[v, i, f] * elements.gradients[s, a, j]
-    return float(np.sqrt((G**2).sum()))
+    total = 0.0
+    for f in range(3):
+        for e in range(9):
+            total += G[f, e] ** 2
+    return math.sqrt(total)
 
 
 @njit(cache=True, inline="always")
@@ -213,11 +218,16 @@ def _second_differences(kind: int, mu: float, lam: float, G: Array, h: float, be
     _, P = energy_stress(kind, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), mu, lam)
     for row in range(6):
         i, j = PAIRS[row]
+        own = h if i == j else 0.0  # of the first alone, or of the sum; what is not made into arrays is not allocated
         for e in range(9):
             bent[row, e] = -2.0 * P[e]
-        for sign in (-h, h):
-            H = sign * (G[i] if i == j else G[i] + G[j])
-            F = 1.0 + H[0], H[1], H[2], H[3], 1.0 + H[4], H[5], H[6], H[7], 1.0 + H[8]
+        for sign in (-1.0, 1.0):
+            a, b = sign * (h - own), sign * h
+            F = (
+                1.0 + a * G[i, 0] + b * G[j, 0], a * G[i, 1] + b * G[j, 1], a * G[i, 2] + b * G[j, 2],
+                a * G[i, 3] + b * G[j, 3], 1.0 + a * G[i, 4] + b * G[j, 4], a * G[i, 5] + b * G[j, 5],
+                a * G[i, 6] + b * G[j, 6], a * G[i, 7] + b * G[j, 7], 1.0 + a * G[i, 8] + b * G[j, 8],
+            )  # fmt: skip
             _, stress = energy_stress(kind, F, mu, lam)
             for e in range(9):
                 bent[row, e] += stress[e]

@@ -60,10 +60,10 @@ class Anchors:
         return cls(near, weights, 0.5 * (flat + flat.T))
 
     def residual(self, force: Array) -> Array:
-        """C f of a force (n, 3), N, (n, 3) metres."""
+        """C f of forces (…, n, 3), N, (…, n, 3) metres."""
         P = interpolator(self.near, self.weights)
-        moved: Array = P @ (self.matrix @ (P.T @ force).ravel()).reshape(-1, 3)
-        return moved
+        moved = [P @ (self.matrix @ (P.T @ f).ravel()).reshape(-1, 3) for f in force.reshape(-1, *force.shape[-2:])]
+        return np.reshape(moved, force.shape)
 
     def error(self, relaxation: Relaxation) -> tuple[float, float]:
         """How far the compliance of usual grabs over the surface is off: in the middle and at most, shares of it."""
@@ -74,7 +74,7 @@ class Anchors:
             force = np.zeros((3, *x.shape))
             force[np.arange(3)[:, None], held, np.arange(3)[:, None]] = 1 / len(held)
             exact = relaxation.residual(force)[:, held].mean(axis=1)
-            kept = np.stack([self.residual(f)[held].mean(axis=0) for f in force])
+            kept = self.residual(force)[:, held].mean(axis=1)
             shares.append(float(np.linalg.norm(kept - exact) / np.linalg.norm(exact)))
         return float(np.median(shares)), max(shares)
 

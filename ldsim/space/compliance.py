@@ -53,7 +53,7 @@ class Compliance:
         self._sags: tuple[Array, Array] | None = None
 
     def of(self, force: Array) -> Array:
-        """C f, (n, 3) metres, of a force (n, 3), N."""
+        """C f, (…, n, 3) metres, of forces (…, n, 3), N."""
         if self.anchors is not None:
             return self._softness * self.anchors.residual(force)
         return self._softness * self.relaxation.residual(force)
@@ -91,7 +91,7 @@ class Compliance:
             force = np.zeros((3, n, 3))
             for axis in range(3):
                 force[axis, vertices, axis] = 1 / len(vertices)
-            self._known[key] = np.stack([self.of(f) for f in force], axis=2)
+            self._known[key] = np.ascontiguousarray(self.of(force).transpose(1, 2, 0))
         return self._known[key]
 
     def dent(self, vertices: Indices) -> Dent:
@@ -124,9 +124,8 @@ class Compliance:
         key = vertices.tobytes()
         if key not in self._fields:
             _make_room(self._fields)
-            forces = self._bending(vertices)
-            pairs = [self.of(forces[:, :, pair]) / self._softness for pair in range(6)]
-            self._fields[key] = np.concatenate([self.of_grab(vertices), np.stack(pairs, axis=2)], axis=2)
+            pairs = self.of(self._bending(vertices).transpose(2, 0, 1)) / self._softness
+            self._fields[key] = np.concatenate([self.of_grab(vertices), pairs.transpose(1, 2, 0)], axis=2)
         return self._fields[key]
 
     def _bending(self, vertices: Indices) -> Array:
