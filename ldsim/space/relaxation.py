@@ -11,6 +11,7 @@ arXiv 2107.05077). No load is in V(u): what acts on the solid acts on u₀(z) wh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,9 +32,10 @@ from ldsim.space.basis import Basis, weighted
 # The force that no constraint carries may be this share of the forces of a typical strain.
 TOLERANCE = 1e-9
 MAX_ITERATIONS = 200
-# K is made anew after these iterations of L-BFGS and after every so many: soon where a guess is far off, for its K says
-# little of where it settles (what a grip holds is all but crushed); not always, for a factor costs several iterations.
-EARLY, RENEWAL = (1, 2, 4), 8
+# K may be made anew after these iterations of L-BFGS and after every so many: soon where a guess is far off, for its K
+# says little of where it settles (what a grip holds is all but crushed). A factor costs some `SPARED` iterations, so it
+# is made only where more are left at the pace since the last one.
+EARLY, RENEWAL, SPARED = (1, 2, 4), 8, 20
 # Relative residual of the tangents where K is indefinite.
 ACCURACY = 1e-8
 # A path to a far z is cut in halves so often.
@@ -145,24 +147,32 @@ class Relaxation:
         L-BFGS with the constrained inverse of K for a preconditioner; gradients and directions stay in the kernel of W.
         """
         scene, x = self.scene, guess.ravel().copy()
-        inverse = near
+        inverse, size = near, math.inf
+        renewed = 0, math.inf  # in which iteration, and the forces that were left
+        # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
+        tolerance = TOLERANCE * self._size * scene.mesh.diagonal
 
         def objective(u: Array, gradient: Array) -> float:
+            nonlocal size
             force = np.zeros((scene.mesh.n_vertices, 3))
             value = add_elastic_gradient(scene.elements, u.reshape(-1, 3), force)
             force[scene.pinned] = 0.0
             gradient[:] = self.without_multiplier(force.ravel())
+            size = float(np.linalg.norm(gradient))
             return float(value)
 
         def refresh(u: Array, iteration: int) -> bool:
-            nonlocal inverse
+            nonlocal inverse, renewed
+            if iteration == 0:
+                renewed = 0, size
             if iteration == 0 or (iteration % RENEWAL and iteration not in EARLY):
                 return False
-            inverse = _Constrained(self, u.reshape(-1, 3), exact=False)
+            pace = math.log(renewed[1] / size) / (iteration - renewed[0])
+            if pace * SPARED >= math.log(size / tolerance):
+                return False
+            inverse, renewed = _Constrained(self, u.reshape(-1, 3), exact=False), (iteration, size)
             return True
 
-        # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
-        tolerance = TOLERANCE * self._size * scene.mesh.diagonal
         norm = max(float(np.linalg.norm(x)), 1.0)
         solution = minimise(
             objective, x, lambda g: inverse.solve(g[None])[0], tolerance / norm, 8, MAX_ITERATIONS, refresh
