@@ -115,11 +115,12 @@ def floors(run: Run, motion: str, label: str) -> list[Row]:
 
 def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
     """The rows of one finished run."""
-    name, model = run.experiment, run.model
+    name, model, cells, notes = run.experiment, run.model, run.scene.mesh.n_cells, run.header("model").notes
     rows = [
         row(name, "r", model.decoder.r, "", "<= 16"),
-        row(name, "cells", run.scene.mesh.n_cells),
-        row(name, "peak memory of the train stage", float(run.header("model").notes["peak_memory_mb"]), "MB"),
+        row(name, "cells", cells),
+        row(name, "time of the train stage", float(notes["seconds"]), "s", "<= 600" if cells <= 30_000 else "<= 1800"),
+        row(name, "peak memory of the train stage", float(notes["peak_memory_mb"]), "MB"),
     ]
     if model.potential is not None:
         chosen = run.cubature["latent"].virtual is not None
