@@ -184,14 +184,18 @@ def third_derivative(elements: Elements, fields: Array) -> Array:
             continue
         h = SHORT / _strains(elements, s, fields, G)
         _second_differences(elements.kind[s], elements.mu[s], elements.lam[s], G, h, bent)
-        for pair in range(6):
+        scale = elements.weights[s] / h**2
+        for pair in range(5, -1, -1):
             i, j = PAIRS[pair]
             for e in range(9):
                 # of two fields together half of their sum's less those of each
-                own = bent[pair, e] if i == j else 0.5 * (bent[pair, e] - bent[i, e] - bent[j, e])
-                own *= elements.weights[s] / h**2
-                for a in range(elements.nodes.shape[1]):
-                    forces[elements.nodes[s, a], e // 3, pair] += own * elements.gradients[s, a, e % 3]
+                bent[pair, e] = scale * (bent[pair, e] if i == j else 0.5 * (bent[pair, e] - bent[i, e] - bent[j, e]))
+        for a in range(elements.nodes.shape[1]):
+            v, g = elements.nodes[s, a], elements.gradients[s, a]
+            for i in range(3):
+                for pair in range(6):
+                    row = bent[pair]
+                    forces[v, i, pair] += row[3 * i] * g[0] + row[3 * i + 1] * g[1] + row[3 * i + 2] * g[2]
     return forces
 
 

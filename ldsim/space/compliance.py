@@ -50,6 +50,7 @@ class Compliance:
         self._known: dict[bytes, Array] = {}
         self._dents: dict[bytes, Dent] = {}
         self._fields: dict[bytes, Array] = {}
+        self._last_bent: tuple[bytes, Array] | None = None
         self._sags: tuple[Array, Array] | None = None
 
     def of(self, force: Array) -> Array:
@@ -67,9 +68,8 @@ class Compliance:
 
     def stiffened(self, scale: float) -> Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
-        other = copy(self)
+        other = self._without_grabs()
         other._softness, other._sags = self._softness / scale, None
-        other._known, other._dents, other._fields = {}, {}, {}
         return other
 
     def anchored(self, anchors: Anchors | None = None) -> Compliance:
@@ -77,9 +77,13 @@ class Compliance:
         if self.anchors is not None:
             return self
         self.sag()
-        other = copy(self)
+        other = self._without_grabs()
         other.anchors = anchors or Anchors.of(self.relaxation)
-        other._known, other._dents, other._fields = {}, {}, {}
+        return other
+
+    def _without_grabs(self) -> Compliance:
+        other = copy(self)
+        other._known, other._dents, other._fields, other._last_bent = {}, {}, {}, None
         return other
 
     def of_grab(self, vertices: Indices) -> Array:
@@ -130,8 +134,11 @@ class Compliance:
 
     def _bending(self, vertices: Indices) -> Array:
         """Minus ∂³V/∂u³ along what unit forces move, of the solid that is not stiffened, (n, 3, 6)."""
-        forces: Array = -third_derivative(self.scene.elements, self.of_grab(vertices))
-        return forces
+        key = vertices.tobytes()
+        last = self._last_bent
+        if last is None or last[0] != key:  # a grab asks twice, for its dent and for its fields
+            last = self._last_bent = key, -third_derivative(self.scene.elements, self.of_grab(vertices))
+        return last[1]
 
     def moved(self, vertices: Indices, u: Array, force: Array) -> Array:
         """What a force on the centroid of some vertices moves, (n, 3) metres, where the coordinates alone give u."""
