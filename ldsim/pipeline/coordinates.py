@@ -16,6 +16,7 @@ import numpy as np
 from ldsim.arrays import Array
 from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
 from ldsim.errors import SolverError
+from ldsim.jit import in_threads
 from ldsim.mechanics.loads import Loads, MotionLoads
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
@@ -101,7 +102,9 @@ def slaving_errors(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]
         (f,): the mean distance, a share of the mean displacement of that frame, or of all frames where that is larger;
         NaN where coordinates have no stable equilibrium.
     """
-    off, moved = np.array([_off(compliance, u, loads) for u, loads in frames]).reshape(-1, 2).T
+    _ = compliance.relaxation  # once, before there are threads
+    found = in_threads(lambda frame: _off(compliance, *frame), frames)
+    off, moved = np.array(list(found)).reshape(-1, 2).T
     shares: Array = off / np.maximum(moved, moved.mean()) if moved.any() else np.full(len(off), math.inf)
     return shares
 

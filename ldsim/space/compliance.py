@@ -238,9 +238,9 @@ class Dent(NamedTuple):
 
 
 def _make_room(kept: dict[bytes, Any]) -> None:
-    """Forget the first of many grabs."""
+    """Forget the first of many grabs, unless another thread just did."""
     if len(kept) >= REMEMBERED:
-        kept.pop(next(iter(kept)))
+        kept.pop(next(iter(kept)), None)
 
 
 @njit(cache=True)
