@@ -2,8 +2,7 @@
 
 A fit asks for the force ∇V_eff, its change along a direction, the slaved pose and its change along another. Each is
 written out, changes carried forwards and forces backwards through the layers, so that only the gradient of the loss is
-left to torch: as derivatives of derivatives they are five times as many operations, on numbers few enough for that to
-be most of the time.
+left to torch: derivatives of derivatives are more operations (docs/notebook/2026-11-26-making.md).
 """
 
 from __future__ import annotations

@@ -75,12 +75,18 @@ def cofactor(A: Matrix) -> Matrix:
 
 
 @njit(cache=True, inline="always")
-def squared_norm(A: Matrix) -> float:
+def inner(A: Matrix, B: Matrix) -> float:
+    """A : B, the sum of the products of their entries."""
     return (
-        A[0] * A[0] + A[1] * A[1] + A[2] * A[2]
-        + A[3] * A[3] + A[4] * A[4] + A[5] * A[5]
-        + A[6] * A[6] + A[7] * A[7] + A[8] * A[8]
+        A[0] * B[0] + A[1] * B[1] + A[2] * B[2]
+        + A[3] * B[3] + A[4] * B[4] + A[5] * B[5]
+        + A[6] * B[6] + A[7] * B[7] + A[8] * B[8]
     )  # fmt: skip
+
+
+@njit(cache=True, inline="always")
+def squared_norm(A: Matrix) -> float:
+    return inner(A, A)
 
 
 @njit(cache=True, inline="always")
