@@ -205,6 +205,37 @@ def test_the_compliance_of_a_stiffer_solid_is_that_of_the_solid_made_stiffer(rel
     np.testing.assert_allclose(scaled.moved(held, u, pull), made.moved(held, u, pull), rtol=1e-6, atol=1e-12)
 
 
+def test_what_is_kept_of_one_grab_serves_no_other(relaxation: Relaxation) -> None:
+    """Asked of one grab and then of another, in turn, and of the solid made stiffer."""
+
+    def fresh() -> Compliance:
+        return Compliance(relaxation.scene, relaxation.coordinates)
+
+    ends = np.flatnonzero(relaxation.scene.mesh.vertices[:, 0] > 0.29)
+    compliance, grabs = fresh(), (ends[:2], ends[2:4])
+    for held in (*grabs, *grabs):
+        compliance.dent(held)
+    for held in grabs:
+        np.testing.assert_array_equal(compliance.fields(held), fresh().fields(held))
+    compliance.fields(grabs[0])
+    found, alone = (each.stiffened(4.0).dent(grabs[1]) for each in (compliance, fresh()))
+    np.testing.assert_array_equal(found.second, alone.second)
+    assert np.abs(fresh().dent(grabs[0]).second - fresh().dent(grabs[1]).second).max() > 0
+
+
+def test_near_its_equilibrium_a_pose_takes_no_factor_but_of_its_start_and_its_end(
+    relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    factor = relaxation.factor
+    monkeypatch.setattr(relaxation, "factor", lambda u, clamp: made.append(clamp) or factor(u, clamp))
+    near = relaxation(0.05 * bent_z(relaxation))
+    made.clear()
+    found = relaxation.from_pose(near.u + 0.05 * np.where(relaxation.scene.pinned[:, None], 0.0, near.u[:, ::-1]))
+    assert found.solution.iterations > 1  # K could have been made anew
+    assert made == [True, False]
+
+
 def held_end(material: str) -> tuple[Compliance, Indices]:
     """The compliance of a beam of three coordinates, and vertices at its end to be pulled at."""
     body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
