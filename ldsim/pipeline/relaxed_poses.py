@@ -151,10 +151,16 @@ def farthest_points(y: Array, count: int, beside: Array | None = None) -> Indice
 
 
 class Piece:
-    """The relaxed poses of one piece of work, read from its file when they are asked for."""
+    """The relaxed poses of one piece of work: z and S are held, all is read from its file when it is asked for.
 
-    def __init__(self, store: TrainingStore) -> None:
+    Attributes:
+        z: coordinates, (b, r) float64.
+        stiffness: S there, (b, r, r) float64.
+    """
+
+    def __init__(self, store: TrainingStore, arrays: Mapping[str, NDArray[np.generic]]) -> None:
         self._store = store
+        self.z, self.stiffness = (np.asarray(arrays[name], dtype=np.float64) for name in ("z", "stiffness"))
 
     def read(self) -> Mapping[str, NDArray[np.generic]]:
         found = self._store.load()
@@ -174,10 +180,12 @@ def relaxed_pieces(poses: ChosenPoses, partial: Path, name: str, progress: Progr
     pieces = range(-(-len(poses.chosen) // TOGETHER))
     stores = [TrainingStore(partial, f"{name} {piece}", poses.identity(piece)) for piece in pieces]
     with progress.bar("train: poses relaxed", poses.wanted, "pose") as bar:
-        todo = [piece for piece in pieces if stores[piece].load() is None]
-        there = len(pieces) - len(todo)
-        bar.reach(poses.wanted * there // max(len(pieces), 1))
-        for done, (piece, arrays) in enumerate(zip(todo, in_threads(poses.relaxed, todo), strict=True), there + 1):
+        kept = ((piece, store.load()) for piece, store in enumerate(stores))
+        done = {piece: Piece(stores[piece], arrays) for piece, arrays in kept if arrays is not None}
+        bar.reach(poses.wanted * len(done) // max(len(pieces), 1))
+        todo = [piece for piece in pieces if piece not in done]
+        for piece, arrays in zip(todo, in_threads(poses.relaxed, todo), strict=True):
             stores[piece].save(arrays)
-            bar.reach(poses.wanted * done // len(pieces))
-    return [Piece(store) for store in stores]
+            done[piece] = Piece(stores[piece], arrays)
+            bar.reach(poses.wanted * len(done) // len(pieces))
+    return [done[piece] for piece in pieces]

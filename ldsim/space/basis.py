@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,11 @@ class Basis:
         """U as (3n, k)."""
         return self.fields.reshape(-1, self.k)
 
+    @cached_property
+    def dual(self) -> Array:
+        """M U, (3n, k), by which coordinates are read off: there are fewer columns than rows that are projected."""
+        return np.ascontiguousarray(weighted(self.metric, self.matrix.T).T)
+
     def columns(self, k: int) -> Basis:
         """The basis of the first k columns.
 
@@ -51,7 +57,8 @@ class Basis:
 
     def project(self, u: NDArray[np.floating]) -> Array:
         """q = Uᵀ M u of rows of displacements, (b, 3n) or (b, n, 3), metres; (b, k) float64."""
-        return weighted(self.metric, u.reshape(len(u), -1)) @ self.matrix
+        found: Array = np.asarray(u, dtype=np.float64).reshape(len(u), -1) @ self.dual
+        return found
 
     def displacement(self, q: Array) -> Array:
         """u = U q of coordinates (k,), (n, 3), or of rows of them (b, k), (b, n, 3); float64, metres."""
