@@ -91,6 +91,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         cubature_against_every_element,
         "10 or 11 latent and 25 or 29 linear coordinates beside the full space, by eye; the latent step is 1.2 times "
         "as fast. Here the dragon has 56,822 tets for 429,740; the thresholds of the errors are ours.",
+        "With every element the latent space is nearer to the full one than the linear space is, but not near. The "
+        "points that An's cubature finds in the space of U do for the linear space and not for the latent one; through "
+        "the decoder's Jacobian fewer are enough (docs/notebook/2026-11-26-paper.md).",
     ),
     "fig12": Experiment(
         "what a step is spent on",
