@@ -59,9 +59,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         depth,
         "X, r 6, k 19, one to six hidden layers of 200: the largest error is 31.1, 20.2, 20.1, 17.1, 17.1, 17.5 mm and "
         "a step takes 3.36, 3.48, 4.76, 5.28, 5.53, 6.44 ms (authors' data). Here by SOAP, 500 epochs, three seeds.",
-        "All relations hold. By SOAP two layers are as good as any, and more than two change the error by less than seeds "
-        "do, but for one of six layers, which did not come down: its mean in the picture is that seed's. Each layer adds "
-        "about as much to a step.",
+        "All relations hold. By SOAP two layers are as good as any. More than two change the error by less than seeds "
+        "do, but for one network of six, which did not come down and makes the last mean. Each layer adds about as "
+        "much to a step.",
     ),
     "fig7": Experiment(
         "error against latent and outer dimension",
