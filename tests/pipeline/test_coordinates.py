@@ -113,14 +113,14 @@ def test_the_order_is_taken_that_is_nearer_in_the_mean_to_frames_kept_back_and_a
 ) -> None:
     """Without validation motions those of the training motions decide."""
     orders = {"largest": np.eye(5), "slowest": np.eye(5)[:, ::-1]}
-    errors = {"train": train, "validation": validation}
+    errors = {"train": train, "validation": validation or ()}
     monkeypatch.setattr(coordinates, "Compliance", lambda scene, columns: columns)
     monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations)
-    monkeypatch.setattr(coordinates, "frames_of", lambda run, role: [] if errors[role] is None else [role])
+    monkeypatch.setattr(coordinates, "frames_of", lambda run, role: [role] if errors[role] else [])
     monkeypatch.setattr(coordinates, "slowest", lambda run: orders["slowest"])
 
     def off(columns: Array, roles: list[str]) -> Array:
-        return errors[roles[0]][columns[0, 0] != 1]  # the leading columns first
+        return errors[roles[0]][int(columns[0, 0] != 1)]  # the leading columns first
 
     monkeypatch.setattr(coordinates, "slaving_errors", off)
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=5))
