@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
-from functools import cache
 
 import numpy as np
 
@@ -36,9 +35,7 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
 
     Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
     are not as many as one can afford, but the fewest that are enough for the worst frame. By bisection: more
-    coordinates hold more. Of the two orders that one is taken whose relaxed poses are nearer in the mean to frames of
-    the validation motions, for those of the training motions are what the leading columns were made of; only where
-    there are none do these decide.
+    coordinates hold more. Of the two orders that one is taken whose relaxed poses are nearer to the frames in the mean.
 
     Args:
         r: how many; None finds the fewest that are enough.
@@ -47,29 +44,26 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
         (k, r), with orthonormal columns.
     """
     orders = {"largest": np.eye(run.basis.k), "slowest": slowest(run)}
+    frames, tried = list(frames_of(run)), dict[int, dict[str, Array]]()
     with progress.bar("train: which coordinates", None, " tried") as bar:
 
-        @cache
-        def missed(size: int, role: str) -> dict[str, Array]:
-            frames, found = list(frames_of(run, role)), dict[str, Array]()
-            for name, order in orders.items() if frames else ():
+        def enough(size: int) -> bool:
+            tried[size] = {}
+            for name, order in orders.items():
                 off = slaving_errors(Compliance(run.scene, combined(run.basis, order[:, :size])), frames)
-                found[name] = off
+                tried[size][name] = off
                 bar.say(
-                    f"the {size} {name} miss a {role} frame by {100 * _mean(off):.2g} %, "
-                    f"the worst by {100 * _worst(off):.2g} %"
+                    f"the {size} {name} miss a pull by {100 * _mean(off):.2g} %, the worst by {100 * _worst(off):.2g} %"
                 )
                 bar.update()
-            return found
-
-        def enough(size: int) -> bool:
-            return min(map(_worst, missed(size, "train").values())) <= ENOUGH
+            return min(map(_worst, tried[size].values())) <= ENOUGH
 
         if r is None:
             sizes = [size for size in SIZES if size < run.basis.k] or [run.basis.k]
             r = sizes[bisect_left(sizes[:-1], True, key=enough)]
-        off = missed(r, "validation") or missed(r, "train")
-    best = min(orders, key=lambda name: _mean(off[name]))
+        if r not in tried:
+            enough(r)
+    best = min(orders, key=lambda name: _mean(tried[r][name]))
     return np.ascontiguousarray(orders[best][:, :r])
 
 
@@ -132,7 +126,7 @@ def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float]:
 def frames_of(run: Run, role: str = "train") -> Iterator[tuple[Array, Loads]]:
     """Frames of the motions of a role, (n, 3) metres, with what acts: where pulls end, or spread where they are few."""
     names = run.snapshots.with_role(role)
-    of_each = -(-FRAMES // max(len(names), 1))
+    of_each = -(-FRAMES // len(names))
     for name in names:
         recorded, read = run.snapshots.recorded(name), run.snapshots.reader(name)
         loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))

@@ -81,48 +81,29 @@ def test_the_least_dimension_that_is_enough_is_found(
 ) -> None:
     monkeypatch.setattr(coordinates, "Compliance", lambda scene, size: size)
     monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations.shape[1])
-    monkeypatch.setattr(coordinates, "frames_of", lambda run, role: [role])
+    monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
     monkeypatch.setattr(coordinates, "slowest", lambda run: np.eye(k))
     monkeypatch.setattr(
-        coordinates,
-        "slaving_errors",
-        lambda r, roles: np.array([0.001 if roles == ["train"] and r >= least else 0.1, np.nan]),
+        coordinates, "slaving_errors", lambda r, frames: np.array([0.001 if r >= least else 0.1, np.nan])
     )
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k))
     assert needed_coordinates(run, None, SILENT).shape == (k, found)
 
 
-NEAR, FAR, LOST = np.array([0.1, 0.2]), np.array([0.31, 0.0]), np.array([0.0, np.nan])
-
-
 @pytest.mark.parametrize(
-    ("train", "validation", "better"),
-    [
-        ((NEAR, FAR), None, "largest"),
-        ((FAR, NEAR), None, "slowest"),
-        ((NEAR, LOST), None, "largest"),
-        ((NEAR, FAR), (FAR, NEAR), "slowest"),
-        ((FAR, NEAR), (NEAR, LOST), "largest"),
-    ],
+    ("largest", "slowest", "better"),
+    [([0.1, 0.2], [0.2, 0.2], "largest"), ([0.1, 0.3], [0.31, 0.0], "slowest"), ([0.1, 0.0], [0.0, np.nan], "largest")],
 )
-def test_the_order_is_taken_that_is_nearer_in_the_mean_to_frames_kept_back_and_a_lost_one_counts_as_all_of_its_motion(
-    monkeypatch: pytest.MonkeyPatch,
-    train: tuple[Array, Array],
-    validation: tuple[Array, Array] | None,
-    better: str,
+def test_the_order_that_is_nearer_in_the_mean_is_taken_and_a_lost_frame_counts_as_all_of_its_motion(
+    monkeypatch: pytest.MonkeyPatch, largest: list[float], slowest: list[float], better: str
 ) -> None:
-    """Without validation motions those of the training motions decide."""
     orders = {"largest": np.eye(5), "slowest": np.eye(5)[:, ::-1]}
-    errors = {"train": train, "validation": validation or ()}
     monkeypatch.setattr(coordinates, "Compliance", lambda scene, columns: columns)
     monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations)
-    monkeypatch.setattr(coordinates, "frames_of", lambda run, role: [role] if errors[role] else [])
+    monkeypatch.setattr(coordinates, "frames_of", lambda run: ())
     monkeypatch.setattr(coordinates, "slowest", lambda run: orders["slowest"])
-
-    def off(columns: Array, roles: list[str]) -> Array:
-        return errors[roles[0]][int(columns[0, 0] != 1)]  # the leading columns first
-
-    monkeypatch.setattr(coordinates, "slaving_errors", off)
+    errors = {0: np.array(largest), 4: np.array(slowest)}
+    monkeypatch.setattr(coordinates, "slaving_errors", lambda columns, frames: errors[int(columns[:, 0].argmax())])
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=5))
     np.testing.assert_array_equal(needed_coordinates(run, 3, SILENT), orders[better][:, :3])
 
