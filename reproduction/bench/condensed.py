@@ -38,8 +38,9 @@ from reproduction.rivals.every_element import EveryElement
 
 NAME = "condensed"
 DIMENSIONS = (16, 20, 40, 60, 80, 100)
-# Largest online error of each solid's motions, as the project asks for it.
-GOALS = {"x": "<= 0.03", "elephant": "<= 0.05", "armadillo": "<= 0.08", "dragon": "<= 0.05", "beam": "<= 0.02"}
+# Largest online error of each solid's motions, as the project asks for it; of its recording, where that is another.
+GOALS = {"x": 0.03, "elephant": 0.02, "armadillo": 0.08, "dragon": 0.05, "beam": 0.02}
+ON_RECORDING = {("elephant", "elephant"): 0.05, ("elephant", "local_effect"): 0.15}
 LINEAR_WORTH = ">= 5"
 # Of the loads that no motion had: how many frames, and in how many a pull reaches its target.
 FRAMES, RAMP = 150, 40
@@ -127,9 +128,11 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
         rows.append(row(name, "median error of V_eff's force, poses kept back", model.potential.heldout_error))
         rows.append(row(name, "V_eff was judged better than points of the mesh", chosen))
     motions = list(run.played.names)
-    for found in measure_stepped(run, motions):
-        unseen = "(train)" not in found["quantity"] and found["quantity"].startswith("online")
-        rows.append({**found, "goal": GOALS.get(solid) if unseen else None})
+    for motion in motions:
+        asked = ON_RECORDING.get((solid, motion), GOALS.get(solid))
+        goal = f"<= {asked:g}" if asked is not None and run.recorded(motion).role != "train" else None
+        for found in measure_stepped(run, [motion]):
+            rows.append({**found, "goal": goal if found["quantity"].startswith("online") else None})
     for motion in motions:
         label = f"{motion} ({run.recorded(motion).role})"
         for k in (k for k in swept if k <= run.basis.k):
