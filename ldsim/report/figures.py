@@ -166,7 +166,10 @@ def novelty(run: Run, motion: str) -> Figure | None:
     seconds = run.scene.time_step * np.arange(1, len(trajectory.novelty) + 1)
     memory = remembered(trajectory.novelty, run.scene.time_step)
     correlation = rank_correlation(memory, trajectory)
-    told = "" if correlation is None else f" (rank correlation of memory and error {correlation:.2f})"
+    clock = rank_correlation(np.arange(len(memory), dtype=np.float64), trajectory)
+    told = ""
+    if correlation is not None and clock is not None:
+        told = f" (rank correlation of memory and error {correlation:.2f}, of time alone {clock:.2f})"
     return Figure(
         f"Motion {motion}: novelty score and true error over time",
         Axis(f"motion {motion}: time, s{told}", margin=0.01),

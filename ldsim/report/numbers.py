@@ -206,6 +206,7 @@ def _novelty(run: Run, trajectory: Trajectory) -> schema.NoveltyNumbers | None:
         share_above=_finite((scores > threshold).mean()),
         rank_correlation=rank_correlation(trajectory.novelty, trajectory),
         rank_correlation_remembered=rank_correlation(remembered(trajectory.novelty, run.scene.time_step), trajectory),
+        rank_correlation_time=rank_correlation(np.arange(len(trajectory.novelty), dtype=np.float64), trajectory),
     )
 
 

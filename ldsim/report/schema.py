@@ -140,6 +140,7 @@ class NoveltyNumbers(ReportSection):
     share_above: Annotated[Number, _about("share of the frames above the threshold")]
     rank_correlation: Annotated[Number, _about("Spearman's, of score and mean vertex distance")]
     rank_correlation_remembered: Annotated[Number, _about("the same of the score averaged over the last half second")]
+    rank_correlation_time: Annotated[Number, _about("the same of the time alone, which knows nothing of the model")]
 
 
 class MotionRun(ReportSection):

@@ -74,7 +74,7 @@ def test_a_motion_without_a_full_space_run_does_not_stand_for_the_others():
 
 def test_novelty_is_that_of_the_worst_run():
     novelty = {"median": 1.0, "threshold": 2.0, "share_above": 0.25, "rank_correlation": 0.1}
-    novelty["rank_correlation_remembered"] = 0.61
+    novelty |= {"rank_correlation_remembered": 0.61, "rank_correlation_time": 0.3}
     simulate = with_run("latent", online_error=error(0.8), novelty=novelty)
     found = record(run_of("x", simulate=simulate))["online"]["test"]["latent"]
     assert (found["share_above"], found["rank_correlation_remembered"]) == (0.25, 0.61)

@@ -12,10 +12,12 @@ from xml.etree import ElementTree
 import matplotlib
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from ldsim.report.figure import MAX_POINTS, Axis, Figure, Guide, Series, curve, thinned
 from ldsim.report.figures import draw_figures
-from ldsim.report.numbers import pooled_seconds
+from ldsim.report.numbers import collect, pooled_seconds
+from ldsim.report.options import ReportOptions
 from ldsim.report.svg import INK, PALETTE, drawn
 from ldsim.report.wording import plain_number
 from ldsim.run import Run
@@ -176,12 +178,17 @@ def test_the_novelty_stands_beside_the_true_error(run):
         changed(other, "simulation", run.simulation | {"latent": latent})
         changed(other, "model", replace(run.model, novelty=novelty))
         figures = draw_figures(other, 0.06)
+        numbers = collect(other, ReportOptions(), {"seconds": 0.0, "peak_memory_mb": 0.0}).simulate.latent[1].novelty
     assert [name for name in figures if name.startswith("novelty")] == ["novelty_push"]
     figure = figures["novelty_push"]
     series = {one.name: one for one in figure.series}
     np.testing.assert_allclose(series["novelty score"].y, score, rtol=1e-6)
     assert series["novelty score"].right and not series["true error"].right
     assert [(guide.at, guide.axis, guide.text) for guide in figure.guides] == [(1.25, "right", "warned of above 1.25")]
+    # the memory of a score that grows is in the order of time, so neither tells more of the error
+    clock = spearmanr(np.arange(FRAMES["push"]), run.simulation["latent"]["push"].mean_error).statistic
+    assert f"of memory and error {clock:.2f}, of time alone {clock:.2f})" in figure.x.label
+    assert numbers.rank_correlation_remembered == numbers.rank_correlation_time == pytest.approx(clock)
     assert "novelty_push" not in draw_figures(run, 0.06)
 
 
