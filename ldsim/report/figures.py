@@ -169,7 +169,7 @@ def novelty(run: Run, motion: str) -> Figure | None:
     clock = rank_correlation(np.arange(len(memory), dtype=np.float64), trajectory)
     told = ""
     if correlation is not None and clock is not None:
-        told = f" (rank correlation of memory and error {correlation:.2f}, of time alone {clock:.2f})"
+        told = f" (rank correlation: memory {correlation:.2f}, time alone {clock:.2f})"
     return Figure(
         f"Motion {motion}: novelty score and true error over time",
         Axis(f"motion {motion}: time, s{told}", margin=0.01),

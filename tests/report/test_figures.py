@@ -187,7 +187,7 @@ def test_the_novelty_stands_beside_the_true_error(run):
     assert [(guide.at, guide.axis, guide.text) for guide in figure.guides] == [(1.25, "right", "warned of above 1.25")]
     # the memory of a score that grows is in the order of time, so neither tells more of the error
     clock = spearmanr(np.arange(FRAMES["push"]), run.simulation["latent"]["push"].mean_error).statistic
-    assert f"of memory and error {clock:.2f}, of time alone {clock:.2f})" in figure.x.label
+    assert f"(rank correlation: memory {clock:.2f}, time alone {clock:.2f})" in figure.x.label
     assert numbers.rank_correlation_remembered == numbers.rank_correlation_time == pytest.approx(clock)
     assert "novelty_push" not in draw_figures(run, 0.06)
 
