@@ -171,7 +171,7 @@ def test_the_error_over_time_is_that_of_the_run_and_grabs_are_shaded(run):
 
 
 def test_the_novelty_stands_beside_the_true_error(run):
-    score = np.linspace(0.5, 1.5, FRAMES["push"])
+    score = np.linspace(1.5, 0.5, FRAMES["push"])
     latent = run.simulation["latent"] | {"push": replace(run.simulation["latent"]["push"], novelty=score)}
     novelty = Novelty(np.zeros((1, R)), 1.0, 1.25)
     with Run(run.folder, run.experiment) as other:
@@ -185,10 +185,11 @@ def test_the_novelty_stands_beside_the_true_error(run):
     np.testing.assert_allclose(series["novelty score"].y, score, rtol=1e-6)
     assert series["novelty score"].right and not series["true error"].right
     assert [(guide.at, guide.axis, guide.text) for guide in figure.guides] == [(1.25, "right", "warned of above 1.25")]
-    # the memory of a score that grows is in the order of time, so neither tells more of the error
+    # the score falls, and its memory, which begins at zero, grows in so short a motion nevertheless, as time does
     clock = spearmanr(np.arange(FRAMES["push"]), run.simulation["latent"]["push"].mean_error).statistic
     assert f"(rank correlation: memory {clock:.2f}, time alone {clock:.2f})" in figure.x.label
     assert numbers.rank_correlation_remembered == numbers.rank_correlation_time == pytest.approx(clock)
+    assert numbers.rank_correlation == pytest.approx(-clock)
     assert "novelty_push" not in draw_figures(run, 0.06)
 
 
