@@ -3,8 +3,8 @@
 Of finished runs, three scores in every frame of the validation and test motions in the latent space: the distance of
 the code to the nearest training codes, as `ldsim simulate` warns by it; the same remembered over half a second; and
 the constraint force, |(M̃/h² + K̃₀)⁻¹ ∂E/∂q| at the decoded pose in the run's largest linear space, remembered as long.
-Beside them the time since the motion began, which knows nothing: what is remembered grows in a short motion as errors
-do, and is worth what it ranks better than that. For each Spearman's rank correlation with the mean vertex error of the
+Beside them the time since the motion began, which knows nothing: what is remembered mostly grows in a short motion,
+and is worth what it ranks better than that. For each Spearman's rank correlation with the mean vertex error of the
 frame, and the area under the ROC curve of the frames that are further off than nine in ten of the training motions'.
 """
 
