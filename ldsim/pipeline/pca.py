@@ -39,7 +39,7 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
     run.require("scene", "snapshots")
     metric, partial = inner_product(run.scene.mass, options.inner_product), run.folder / "basis.partial"
     identity = f"{run.hash('scene')} {run.hash('snapshots')} {options.inner_product} {options.k}"
-    with progress.bar("pca", 2, "pass") as bar:
+    with one_thread(), progress.bar("pca", 2, "pass") as bar:
         found = fit_basis(run.chunks("train"), metric, options, TrainingStore(partial, "spectrum", identity))
         bar.update()
         if options.synthetic is not None:
@@ -68,16 +68,15 @@ def _synthetic(run: Run, basis: Basis, options: PullOptions, q: Array, partial: 
     if kept is not None:
         return kept["q"].astype(np.float64)
     motion = surface_pulls("synthetic", run.scene, options)
-    with one_thread():
-        with progress.bar("pca: cubature rule of the synthetic motions", None, "rule") as bar:
+    with progress.bar("pca: cubature rule of the synthetic motions", None, "rule") as bar:
 
-            def show(points: int, error: float) -> None:
-                bar.say(f"{points} points, relative error {error:.3f}")
-                bar.update()
+        def show(points: int, error: float) -> None:
+            bar.say(f"{points} points, relative error {error:.3f}")
+            bar.update()
 
-            stepper = synthetic_stepper(run.scene, basis, q, options.seed, show)
-        with progress.bar("pca: synthetic motions", motion.frames, "frame") as bar:
-            made = synthetic_frames(stepper, motion, bar.update, PULLS_TOGETHER * options.frames_of_one)
+        stepper = synthetic_stepper(run.scene, basis, q, options.seed, show)
+    with progress.bar("pca: synthetic motions", motion.frames, "frame") as bar:
+        made = synthetic_frames(stepper, motion, bar.update, PULLS_TOGETHER * options.frames_of_one)
     if len(made) < motion.frames:
         lost = motion.frames - len(made)
         progress.tell(f"warning: the synthetic motions diverged and lost {lost} of {motion.frames} frames")

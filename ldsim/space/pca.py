@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
-from ldsim.jit import njit
+from ldsim.jit import in_threads, njit
 from ldsim.space.basis import Basis, is_identity, weighted
 from ldsim.space.options import PcaOptions
 
@@ -91,10 +91,18 @@ def _for_products(metric: csr_array, chunk: NDArray[np.float32], products: type[
 
 
 def _products(left: NDArray[np.floating], right: NDArray[np.float32]) -> Array:
-    """left rightᵀ, float64, in blocks of columns: each block in the precision of `left`, their sum in float64."""
+    """left rightᵀ, float64, in blocks of columns: each block in the precision of `left`, their sum in float64.
+
+    The blocks, not what BLAS does of one, are shared out to the cores: the sum is the same whatever their number.
+    """
+
+    def of_block(block: slice) -> NDArray[np.floating]:
+        product: NDArray[np.floating] = left[:, block] @ right[:, block].T.astype(left.dtype, copy=False)
+        return product
+
     total = np.zeros((len(left), len(right)))
-    for block in _blocks(left.shape[1]):
-        total += left[:, block] @ right[:, block].T.astype(left.dtype, copy=False)
+    for product in in_threads(of_block, _blocks(left.shape[1])):
+        total += product
     return total
 
 

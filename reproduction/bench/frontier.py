@@ -12,6 +12,7 @@ condensed one, which tell how nonlinear each motion is. Results go to reproducti
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -173,13 +174,14 @@ def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     """Online error on the motions of a role against the median step: every space, every seed."""
     figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
     named, all_marks = set(), list(marks(rows, role))
+    above = itertools.cycle((True, False))  # sizes that differ by a column would write over each other
     for mark in (each for each in all_marks if math.isfinite(each.error)):
         colour = PALETTE[COLOURS[mark.kind]]
         label = "" if mark.kind in named else mark.kind
         ax.plot(mark.ms, 100 * mark.error, "o", color=colour, markersize=4, label=label)
-        if mark.seed == SEEDS[0]:  # sizes of the others differ by a column or two, and labels would cover each other
-            at = mark.ms, 100 * mark.error
-            ax.annotate(str(mark.dimension), at, (4, 3), textcoords="offset points", fontsize=7, color=colour)
+        if mark.seed == SEEDS[0]:  # those of the other seeds differ by a column or two
+            at, offset = (mark.ms, 100 * mark.error), (4, 3 if next(above) else -9)
+            ax.annotate(str(mark.dimension), at, offset, textcoords="offset points", fontsize=7, color=colour)
         named.add(mark.kind)
     for axis in "xy":
         log_scale(ax, axis)

@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from ldsim.learn.options import TrainOptions
 from ldsim.pipeline.train import train
@@ -140,6 +141,20 @@ def test_synthetic_motions_are_not_run_again_after_an_interruption(
     monkeypatch.setattr("ldsim.pipeline.pca.synthetic_frames", stop)
     assert experiment.invoke("pca").exit_code == 0
     np.testing.assert_array_equal(basis(experiment), undisturbed)
+
+
+def test_the_basis_is_the_same_to_the_last_bit_whatever_the_number_of_threads(experiment: Experiment) -> None:
+    many = {"count": 2, "seed": 1, "reach": 0.08, "frames": 60, "rest": 40}  # BLAS shares out what is large enough
+    solid = TINY["mesh"] | {"shape": {"name": "cross", "resolution": 2}}
+    experiment.configure(TINY | {"mesh": solid, "snapshot": {"motions": [{"name": "a", "pulls": many}]}})
+    assert experiment.invoke("mesh").exit_code == experiment.invoke("snapshot").exit_code == 0
+    found = []
+    for threads in (1, 2, 4):
+        with threadpool_limits(threads):
+            assert experiment.invoke("pca").exit_code == 0
+        with h5py.File(experiment.run / "basis.h5") as file:
+            found.append([file[name][:].tobytes() for name in ("U", "singular_values", "mean_error")])
+    assert found[0] == found[1] == found[2]
 
 
 def basis(experiment: Experiment) -> np.ndarray:
