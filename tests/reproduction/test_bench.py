@@ -28,6 +28,7 @@ BENCHES = [
         "novelty",
         "pipeline",
         "released",
+        "repeat",
         "rival_spaces",
         "runtime",
         "soak",
