@@ -62,11 +62,11 @@ def made(config: Path, settings: Settings, runs: Path, variables: Mapping[str, s
 
 
 def numbers(path: Path) -> dict[str, np.ndarray]:
-    """Every dataset of an artefact but measured times."""
+    """Every dataset of real numbers of an artefact but measured times; what a minimiser counts is none."""
     found: dict[str, np.ndarray] = {}
 
     def take(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and name.rsplit("/", 1)[-1] != "seconds":
+        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and name.rsplit("/", 1)[-1] != "seconds":
             found[name] = np.asarray(item[()], dtype=float)
 
     with h5py.File(path) as file:

@@ -8,6 +8,7 @@ import pkgutil
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from ldsim.cubature.rule import CubatureRule
 from reproduction import harness
 from reproduction.bench.kept import kept, kept_rules
 from reproduction.bench.novelty import area
+from reproduction.bench.repeat import difference
 from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
@@ -117,3 +119,15 @@ def test_rows_of_other_models_stay_where_one_is_measured_anew(tmp_path: Path, mo
     assert harness.rows_of_others("a", ["x"]) == []
     write_results("a", "a command", [row("x", "error", 0.1), row("beam", "error", 0.2)])
     assert harness.rows_of_others("a", ["x"]) == harness.rows_before("a", "beam") == [row("beam", "error", 0.2)]
+
+
+def test_artefacts_differ_by_their_largest_number_and_not_by_measured_times(tmp_path: Path) -> None:
+    def written(name: str, weights: list[float], seconds: float = 1.0) -> Path:
+        with h5py.File(tmp_path / name, "w") as file:
+            file["decoder/weights"], file["run/seconds"], file["run/iterations"] = weights, [seconds], [int(seconds)]
+        return tmp_path / name
+
+    first = written("first.h5", [1.0, -4.0, np.nan])
+    assert difference(first, written("slower.h5", [1.0, -4.0, np.nan], seconds=2.0)) == 0
+    assert difference(first, written("other.h5", [1.0, -4.5, np.nan])) == 0.125
+    assert difference(first, written("longer.h5", [1.0, -4.0, np.nan, 0.0])) == np.inf
