@@ -24,6 +24,7 @@ from ldsim.report.frontier import on_role
 from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
+from reproduction.bench.frontier import seeded
 from reproduction.harness import FUNCTIONS, ROOT, WRITES, Row, called, linked, parser, row, show, write_results
 
 NAME = "repeat"
@@ -117,12 +118,7 @@ def measured(config: Path, runs: Path) -> list[Row]:
         rows += [row(model, f"{what}, {variant}", value) for what, value in errors(whole)]
     for seed in SEEDS:
         path = runs / f"seed_{seed}.yaml"
-        changed = settings.model_copy(
-            update={
-                "train": settings.train.replace(seed=seed),
-                "cubature": settings.cubature.replace(seed=seed),
-            }
-        )
+        changed = seeded(settings, seed, settings)
         path.write_text(changed.dump(), encoding="utf-8")
         folder = made(path, changed, runs / f"seed_{seed}", {})
         rows += [row(model, f"{what}, seed {seed}", value) for what, value in errors(folder)]
