@@ -240,21 +240,25 @@ def write_results(
 
 def rows_before(name: str, model: str) -> list[Row]:
     """What the results of a name hold of a model; none where there are no results."""
-    return [each for each in _all_rows(name) if each["model"] == model]
+    return [each for each in _results(name)["rows"] if each["model"] == model]
 
 
-def rows_of_others(name: str, models: Sequence[str]) -> list[Row]:
-    """What the results of a name hold of all models but some, which are measured anew."""
-    return [each for each in _all_rows(name) if each["model"] not in models]
+def rows_of_others(name: str, models: Sequence[str], inputs: Sequence[str]) -> list[Row]:
+    """What the results of a name hold of all models but some, which are measured anew.
+
+    Rows of other code or configurations are left out, for what is written says that all are of these inputs.
+    """
+    content = _results(name)
+    same = content.get("inputs") == input_hashes(inputs)
+    return [each for each in content["rows"] if each["model"] not in models] if same else []
 
 
-def _all_rows(name: str) -> list[Row]:
+def _results(name: str) -> dict[str, Any]:
     try:
-        content = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+        content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return []
-    rows: list[Row] = content["rows"]
-    return rows
+        return {"rows": []}
+    return content
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

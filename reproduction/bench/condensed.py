@@ -6,7 +6,8 @@ can have and says nothing of their time. A row tells how many linear dimensions 
 motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors:
 linear elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear
 elasticity, which needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other
-directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids.
+directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids by the
+same code.
 """
 
 from __future__ import annotations
@@ -31,12 +32,13 @@ from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 from reproduction.bench.space import errors, worth
 from reproduction.bench.space_parts import STOP, measure_stepped
-from reproduction.harness import Row, called, parser, row, rows_of_others, show, write_results
+from reproduction.harness import COMPUTES, Row, called, parser, row, rows_of_others, show, write_results
 from reproduction.reduced_runs import played, reference
 from reproduction.rivals.condensed_linear import condensed_linear
 from reproduction.rivals.every_element import EveryElement
 
 NAME = "condensed"
+INPUTS = (*COMPUTES, "ldsim/pipeline")
 DIMENSIONS = (16, 20, 40, 60, 80, 100)
 # Largest online error of each solid's motions, as the project asks for it; of its recording, where that is another.
 GOALS = {"x": 0.03, "elephant": 0.02, "armadillo": 0.08, "dragon": 0.05, "beam": 0.02}
@@ -167,13 +169,13 @@ def _experiment(folder: Path) -> str:
 def main() -> None:
     given = arguments().parse_args()
     swept = tuple(given.linear or DIMENSIONS)
-    rows = rows_of_others(NAME, [_experiment(folder) for folder in given.runs])
+    rows = rows_of_others(NAME, [_experiment(folder) for folder in given.runs], INPUTS)
     with one_thread():
         for folder in given.runs:
             with Run.open(folder) as run:
                 solid = run.experiment.removesuffix("_condensed")
                 rows += measure(run, solid, swept)
-                write_results(NAME, called(NAME), rows)
+                write_results(NAME, called(NAME), rows, inputs=INPUTS)
 
 
 if __name__ == "__main__":

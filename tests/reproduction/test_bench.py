@@ -114,11 +114,15 @@ def test_kept_rules_come_back_as_they_were(tmp_path: Path) -> None:
                 np.testing.assert_array_equal(rule.maps, expected.maps)
 
 
-def test_rows_of_other_models_stay_where_one_is_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_other_models_stay_where_one_is_measured_anew_by_the_same_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(harness, "RESULTS", tmp_path)
-    assert harness.rows_of_others("a", ["x"]) == []
-    write_results("a", "a command", [row("x", "error", 0.1), row("beam", "error", 0.2)])
-    assert harness.rows_of_others("a", ["x"]) == harness.rows_before("a", "beam") == [row("beam", "error", 0.2)]
+    code = ["ldsim/space"]
+    assert harness.rows_of_others("a", ["x"], code) == []
+    write_results("a", "a command", [row("x", "error", 0.1), row("beam", "error", 0.2)], inputs=code)
+    assert harness.rows_of_others("a", ["x"], code) == harness.rows_before("a", "beam") == [row("beam", "error", 0.2)]
+    assert harness.rows_of_others("a", ["x"], ["ldsim/learn"]) == []
 
 
 def test_artefacts_differ_by_their_largest_number_and_not_by_measured_times(tmp_path: Path) -> None:
