@@ -6,14 +6,14 @@ can have and says nothing of their time. A row tells how many linear dimensions 
 motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors:
 linear elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear
 elasticity, which needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other
-directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids by the
-same code.
+directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids by
+the same code.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,6 +46,13 @@ ON_RECORDING = {("elephant", "elephant"): 0.05, ("elephant", "local_effect"): 0.
 LINEAR_WORTH = ">= 5"
 # Of the loads that no motion had: how many frames, and in how many a pull reaches its target.
 FRAMES, RAMP = 150, 40
+
+
+def asked(solid: str, motions: Sequence[str]) -> str | None:
+    """The goal of some motions of a solid together, where they have one and the same."""
+    goals = {ON_RECORDING.get((solid, motion), GOALS.get(solid)) for motion in motions}
+    goal = goals.pop() if len(goals) == 1 else None
+    return None if goal is None else f"<= {goal:g}"
 
 
 def unseen_loads(run: Run) -> dict[str, Callable[[int], Loads]]:
@@ -131,8 +138,7 @@ def measure(run: Run, solid: str, swept: tuple[int, ...]) -> list[Row]:
         rows.append(row(name, "V_eff was judged better than points of the mesh", chosen))
     motions = list(run.played.names)
     for motion in motions:
-        asked = ON_RECORDING.get((solid, motion), GOALS.get(solid))
-        goal = f"<= {asked:g}" if asked is not None and run.recorded(motion).role != "train" else None
+        goal = asked(solid, [motion]) if run.recorded(motion).role != "train" else None
         for found in measure_stepped(run, [motion]):
             rows.append({**found, "goal": goal if found["quantity"].startswith("online") else None})
     for motion in motions:

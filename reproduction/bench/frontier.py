@@ -23,12 +23,12 @@ import numpy as np
 
 from ldsim.errors import SettingsError
 from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
-from ldsim.report.frontier import dimension, on_motions, on_role, points
+from ldsim.report.frontier import dimension, on_motions, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
-from reproduction.bench.condensed import floors
+from reproduction.bench.condensed import asked, floors
 from reproduction.harness import ROOT, Row, called, finished, linked, parser, row, show, write_results
 
 NAME = "frontier"
@@ -76,24 +76,27 @@ def made(
 def rows_of(model: str, kind: str, seed: int, run: Run, linear: bool) -> list[Row]:
     """What a run measured of its latent space, and of its linear ones where they are wanted."""
     rows = []
-    for motions, spaces in judged(run):
+    for motions, names, spaces in judged(run):
+        learned = run.motions[names[0]].role == "train"
         for found in spaces:
             latent = found.space == "latent"
             if latent or linear:
                 sizes = f"{dimension(run, found.space)}, {points(run, found.space)} points"
                 label = f"{motions}, {kind if latent else 'linear'} {sizes}, seed {seed}"
-                rows.append(row(model, f"{ERROR}, {label}", found.error))
+                goal = asked(model, names) if latent and kind == "condensed" and not learned else None
+                rows.append(row(model, f"{ERROR}, {label}", found.error, "", goal))
                 rows.append(row(model, f"{STEP}, {label}", 1e3 * found.seconds, "ms"))
     return rows
 
 
-def judged(run: Run) -> Iterator[tuple[str, list[Standing]]]:
-    """Every space on the motions of a role together, and on each of them where a role has several."""
+def judged(run: Run) -> Iterator[tuple[str, list[str], list[Standing]]]:
+    """Every space on the motions of a role together, and on each of them where a role has several: label, motions."""
     for role in ROLES:
-        yield role, on_role(run, role)
         names = [name for name in run.simulation["latent"] if run.motions[name].role == role]
+        if names:
+            yield role, names, on_motions(run, names)
         for name in names if len(names) > 1 else ():
-            yield f"{name} ({role})", on_motions(run, [name])
+            yield f"{name} ({role})", [name], on_motions(run, [name])
 
 
 def compared(model: str, rows: Sequence[Row]) -> list[Row]:

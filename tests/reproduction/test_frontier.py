@@ -10,6 +10,7 @@ import pytest
 from ldsim.report.frontier import on_motions, on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
+from reproduction.bench.condensed import GOALS, asked
 from reproduction.bench.frontier import ERROR, STEP, compared, marks, over_seeds, picture, rows_of, seeded
 from reproduction.harness import ROOT, Row, row
 from tests.report.small_run import ROLES, write_run
@@ -67,6 +68,27 @@ def test_where_a_role_has_several_motions_each_has_its_rows(tmp_path: Path, monk
         assert [mark.error for mark in marks(rows, f"{name} (train)")] == [each.error for each in spaces]
     names = {each["quantity"] for each in compared("solid", rows)}
     assert {f"error, {motions}, autoencoder, seed 1" for motions in ("train", "push (train)")} < names
+
+
+def test_a_condensed_space_has_its_goal_on_what_it_did_not_learn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ROLES, "push", "validation")
+    monkeypatch.setitem(GOALS, "solid", 0.02)
+    write_run(tmp_path)
+    with Run.open(tmp_path) as run:
+        rows, others = (rows_of("solid", kind, 1, run, linear=True) for kind in ("condensed", "autoencoder"))
+    with_goal = {each["quantity"]: each["goal"] for each in rows if each["goal"] is not None}
+    assert set(with_goal.values()) == {"<= 0.02"}
+    assert [name.startswith(f"{ERROR}, validation, condensed") for name in with_goal] == [True]
+    assert not [each for each in others if each["goal"] is not None]
+
+
+def test_motions_have_a_goal_together_where_it_is_one_and_the_same() -> None:
+    assert asked("elephant", ["elephant"]) == "<= 0.05"
+    assert asked("elephant", ["others", "gentle"]) == "<= 0.02"
+    assert asked("elephant", ["others", "local_effect"]) is None
+    assert asked("no solid of ours", ["others"]) is None
 
 
 def test_a_latent_space_is_compared_with_the_fastest_as_good_and_with_the_best_of_its_seed() -> None:
