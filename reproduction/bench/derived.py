@@ -10,6 +10,7 @@ that benchmark are used again where they lie. Results go to reproduction/results
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -41,7 +42,7 @@ def written(solid: str, folder: Path) -> Path:
     hand, place = load_settings(by_hand(solid)), folder / f"{solid}.yaml"
     looked_at = folder / f"{solid}_new.yaml"
     if not looked_at.exists():
-        _call(folder, "new", str(hand.mesh.file), "--unit", "m", "--output", looked_at.name)
+        _call(folder, "new", os.path.expandvars(str(hand.mesh.file)), "--unit", "m", "--output", looked_at.name)
     new = load_settings(looked_at)
     taken = {name: getattr(new, name) for name in ("pca", "train", "cubature")}
     text = Settings(experiment=solid, mesh=hand.mesh, snapshot=hand.snapshot, **taken).dump(defaults=False)

@@ -21,10 +21,18 @@ def test_scene_and_motions_are_those_by_hand_and_all_else_is_what_new_writes(
     monkeypatch.setenv("LDSIM_DATA", str(tmp_path))
     new = load_settings(by_hand("x")).replace(experiment="x_new")
     new = new.replace(train=new.train.replace(hidden=(16,)), pca=new.pca.replace(k=7, synthetic=None))
-    (tmp_path / "x_new.yaml").write_text(new.dump(defaults=False), encoding="utf-8")
+    asked = list[str]()
+
+    def call(folder: Path, *arguments: str) -> int:
+        asked.extend(arguments)
+        (folder / "x_new.yaml").write_text(new.dump(defaults=False), encoding="utf-8")
+        return 0
+
+    monkeypatch.setattr(derived, "_call", call)
     found, hand = load_settings(written("x", tmp_path)), load_settings(by_hand("x"))
     assert found.experiment == "x" and found.train == new.train and found.pca == new.pca
     assert found.mesh == hand.mesh and found.snapshot == hand.snapshot
+    assert asked[:2] == ["new", str(tmp_path / "meshes" / "x_29686.mesh")]  # a command knows no variables
 
 
 @pytest.mark.parametrize("solid", SOLIDS)
