@@ -172,6 +172,8 @@ def test_two_fingers_on_the_solid_are_two_pulls(opened: Tab) -> None:
     hits = opened.evaluate(
         f"{json.dumps(beside)}.map(([offsetX, offsetY]) => Boolean(ldsim.stage.hit({{ offsetX, offsetY }})))"
     )
+    opened.touch("touchStart", [(x, y)])
+    opened.wait("ldsim.stage.grabs.length === 1")  # the second finger lands where the first pull is drawn
     opened.touch("touchStart", [(x, y), beside[hits.index(True)]])
     assert opened.evaluate("ldsim.source.pulls.size") == 2
     opened.touch("touchEnd", [])

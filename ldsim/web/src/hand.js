@@ -19,10 +19,11 @@ export class Hand {
     on("wheel", (event) => fingers.wheel(event));
   }
 
-  /** The pull left behind whose target is under the pointer, if there is one. */
+  /** The pull left behind whose target is under the pointer, if there is one: what another finger holds is not. */
   left({ offsetX, offsetY }) {
-    const { camera, shapes, grabs } = this.stage;
+    const { camera, shapes, grabs } = this.stage, held = new Set([...this.pulls.values()].map(({ id }) => id));
     for (const { id, target } of grabs) {
+      if (held.has(id)) continue;
       for (const shape of shapes) {
         const [x, y] = camera.toScreen(target, shape.offset);
         if (Math.hypot(x - offsetX, y - offsetY) < NEAR) return { id, shape, point: Array.from(target), old: true };
