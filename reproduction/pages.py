@@ -4,9 +4,11 @@ In a page stands
 
     <!-- number: pipeline.json | demo | online error, latent, pulls_1 | {:.1%} -->5.8%<!-- /number -->
     <!-- table: pipeline.json | motions --> … <!-- /table -->
+    <!-- stale: numbers --> … <!-- /stale -->
 
 and what is between the two comments is written anew from the file; a test fails where they differ. A table ends in
-where it comes from, and which code or configurations have changed since.
+where it comes from, and which code or configurations have changed since; the last tells the same of all numbers of the
+page, and is empty where nothing has changed.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduction" / "results"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md")))
-MARKED = re.compile(r"<!-- (number|table): (.*?) -->(.*?)<!-- /\1 -->", re.S)
+MARKED = re.compile(r"<!-- (number|table|stale): (.*?) -->(.*?)<!-- /\1 -->", re.S)
 
 Content = Mapping[str, Any]
 
@@ -36,11 +38,24 @@ def filled(text: str, results: Path = RESULTS) -> str:
 
     def replaced(found: re.Match[str]) -> str:
         kind, spec = found[1], [part.strip() for part in found[2].split("|")]
+        if kind == "stale":
+            return f"<!-- stale: {found[2]} -->{stale_numbers(text, results)}<!-- /stale -->"
         content = json.loads((results / spec[0]).read_text(encoding="utf-8"))
         inside = _number(content, *spec[1:]) if kind == "number" else _table(spec[0], content, spec[1])
         return f"<!-- {kind}: {found[2]} -->{inside}<!-- /{kind} -->"
 
     return MARKED.sub(replaced, text)
+
+
+def stale_numbers(text: str, results: Path = RESULTS) -> str:
+    """What a page says of its numbers whose results are stale; nothing where none is."""
+    files = {found[2].partition("|")[0].strip() for found in MARKED.finditer(text) if found[1] == "number"}
+    told: dict[str, list[str]] = {}
+    for file in sorted(files):
+        content = json.loads((results / file).read_text(encoding="utf-8"))
+        if stale := staleness(content):
+            told.setdefault(stale, []).append(f"`{file}` of {content['created'][:10]}")
+    return "".join(f"{stale[:-1]} (numbers of {', '.join(names)})." for stale, names in told.items())
 
 
 def unmarked(text: str) -> str:

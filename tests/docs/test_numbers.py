@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from reproduction.pages import PAGES, ROOT, filled, input_hashes, staleness, unmarked
+from reproduction.pages import PAGES, ROOT, filled, input_hashes, stale_numbers, staleness, unmarked
 
 MEASURED = re.compile(r"\d[\d.,]*\s?(?:%|ms\b|µs\b|min\b|times as)")
 
@@ -17,6 +17,12 @@ MEASURED = re.compile(r"\d[\d.,]*\s?(?:%|ms\b|µs\b|min\b|times as)")
 def test_the_numbers_of_a_page_are_those_of_the_files(page: Path) -> None:
     text = page.read_text("utf-8")
     assert filled(text) == text, "run `python docs/generate.py` and commit what it writes"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_of_stale_numbers_has_a_place_that_says_so(page: Path) -> None:
+    text = page.read_text("utf-8")
+    assert not stale_numbers(text) or "<!-- stale: numbers -->" in text
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -77,3 +83,17 @@ def test_a_stale_table_says_so(tmp_path: Path) -> None:
     text = "<!-- table: some.json | motions --><!-- /table -->"
     assert "**Stale**" in filled(text, result(tmp_path))
     assert "**Stale**" not in filled(text, result(tmp_path, inputs=input_hashes(["LICENSE"])))
+
+
+def test_a_page_says_which_of_its_numbers_are_stale(tmp_path: Path) -> None:
+    number = "<!-- number: some.json | demo | online error, linear, a | {:.1%} -->12.5%<!-- /number -->"
+    text = f"{number}{number}<!-- stale: numbers -->old<!-- /stale -->"
+    assert "does not say what it was made from (numbers of `some.json` of 2030-01-02)." in filled(
+        text, result(tmp_path)
+    )
+    known = result(tmp_path, inputs=input_hashes(["LICENSE"]))
+    assert filled(text, known).endswith("<!-- stale: numbers --><!-- /stale -->")
+    changed = result(tmp_path, inputs={"LICENSE": "0" * 64, "configs/demo.yaml": "0" * 64})
+    assert "**Stale**: `LICENSE`, `configs/demo.yaml` changed since (numbers of `some.json` of 2030-01-02)." in filled(
+        text, changed
+    )
