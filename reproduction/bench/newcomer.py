@@ -127,7 +127,7 @@ def main() -> None:
             row("all", kind, sum(each[kind] for each in known.values()), "s", f"<= {AT_MOST_S:g}" * (kind == "clock"))
             for kind in ("clock", "processors")
         ]
-        write_results(NAME, f"python -m reproduction.bench.{NAME} --folder FOLDER", rows)
+        write_results(NAME, f"python -m reproduction.bench.{NAME} --folder FOLDER", rows, inputs=["ldsim"])
     show(rows, "from clone to a solid under the pointer")
 
 

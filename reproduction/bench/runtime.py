@@ -219,7 +219,7 @@ def main() -> None:
                 for name in REDUCED:
                     rows += measure(run, name, library)
     show(rows)
-    write_results(NAME, called(NAME), rows)
+    write_results(NAME, called(NAME), rows, inputs=["ldsim", "ldsim/runtime/ldsim.c"])
 
 
 if __name__ == "__main__":

@@ -222,7 +222,7 @@ def main() -> None:
     lines, measured = [Line(**each) for each in known["lines"]], known["measured"] | {"moved": filmed(folder)}
     if not given.film:
         rows = rows_of(folder, measured)
-        write_results(NAME, called(NAME), rows)
+        write_results(NAME, called(NAME), rows, inputs=["ldsim"])
         show(rows, "from a surface file to pulling at it")
     keep(f"{NAME}.webp", film(folder, lines), SHOWS)
 
