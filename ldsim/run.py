@@ -330,7 +330,8 @@ def latent_space(scene: Scene, basis: Basis, model: StoredModel) -> Space:
     networks = (model.decoder, model.encoder)
     if model.columns is None:
         return Space.latent(scene, basis, networks)
-    return Space.condensed(scene, Basis.of(model.columns, basis.metric), networks, CubatureRule.every(scene))
+    columns = Basis.of(model.columns, basis.metric)
+    return Space.condensed(scene, columns, networks, CubatureRule.every(scene), model.squares)
 
 
 class Stage:

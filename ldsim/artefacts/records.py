@@ -105,6 +105,7 @@ class StoredModel:
         novelty: how far a code is from the training codes.
         columns: the basis of a condensed space, (3n, k): V, the features of V_eff as zeros, and the slaved part.
         potential: the virtual points of V_eff, of a condensed space.
+        squares: ω² of the last columns, (m,) 1/s², which are modes that swing beside the coordinates.
     """
 
     decoder: Decoder
@@ -118,6 +119,7 @@ class StoredModel:
     novelty: Novelty | None = None
     columns: Array | None = None
     potential: CubatureRule | None = None
+    squares: Array | None = None
 
     @property
     def condensed(self) -> bool:
@@ -137,7 +139,7 @@ class StoredModel:
 
 def write_model(path: Path, header: Header, model: StoredModel) -> None:
     """Write model.h5; the activation goes into the header's notes."""
-    names = ("loss", "search", "search_own", "errors", "kp", "best_epoch", "columns")
+    names = ("loss", "search", "search_own", "errors", "kp", "best_epoch", "columns", "squares")
     datasets = {"skip": model.decoder.skip} | {name: getattr(model, name) for name in names}
     if model.potential is not None:
         rule = model.potential
@@ -170,6 +172,7 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             _novelty(file["novelty"]) if "novelty" in file else None,
             optional(file, "columns"),
             _potential(file["potential"]) if "potential" in file else None,
+            optional(file, "squares"),
         )
         return model, header
 

@@ -161,6 +161,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("encoder/weights_*", "f8", ("i", "o"), "", "of each layer, inputs by outputs"),
         Dataset("encoder/biases_*", "f8", ("o",), "", "of each layer"),
         Dataset("columns", "f8", ("d", "k"), "", "basis of a condensed space, d = 3n: V, features, slaved part", True),
+        Dataset("squares", "f8", ("w",), "1/s²", "ω² of the last columns, modes that swing beside z", True),
         Dataset("potential/points", "i8", ("v",), "", "quadrature points whose moduli the virtual points have", True),
         Dataset("potential/weights", "f8", ("v",), "m³", "of the virtual points of V_eff, > 0", True),
         Dataset("potential/maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),
@@ -192,7 +193,7 @@ VALUES = {
     MEASURED: "*/path_errors */path_perturbed_errors */virtual_errors */virtual_judged potential/errors loss search "
     "errors runs/*/*/seconds runs/*/*/mean_error runs/*/*/max_error runs/*/*/windowed_mean_error runs/*/*/novelty "
     "runs/*/*/mean_displacement fresh/*",
-    POSITIVE: "*/path_weights */virtual_weights potential/weights motions/*/drag_stiffness quadrature/weights "
+    POSITIVE: "*/path_weights */virtual_weights potential/weights squares motions/*/drag_stiffness quadrature/weights "
     "material/mu material/density time_step novelty/reach novelty/threshold",
     COUNT: "*/path_sizes */virtual_closure motions/*/drag_start motions/*/drag_frames motions/*/drag_radius "
     "motions/*/held_count motions/*/support_count motions/*/iterations motions/*/evaluations motions/*/seconds "

@@ -10,6 +10,7 @@ Where there are no more free vertices than anchors, nothing is approximated.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,6 @@ from ldsim.mechanics.grabs import usual_grip
 from ldsim.mechanics.random_pulls import farthest_first, spread_points
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import vertex_graph
-from ldsim.space.relaxation import Relaxation
 
 ANCHORS, NEAREST = 400, 12
 # Grabs that an approximation is judged by.
@@ -45,16 +45,16 @@ class Anchors:
     matrix: Array
 
     @classmethod
-    def of(cls, relaxation: Relaxation, count: int = ANCHORS) -> Anchors:
-        """Those of a solid and its coordinates; costs three solves an anchor."""
-        _, near, weights = interpolation(relaxation.scene, count)
+    def of(cls, scene: Scene, residual: Callable[[Array], Array], count: int = ANCHORS) -> Anchors:
+        """Those of a solid whose C is given by what it makes of forces (b, n, 3); costs three solves an anchor."""
+        _, near, weights = interpolation(scene, count)
         P = interpolator(near, weights).toarray()
         inverse = np.linalg.pinv(P.T @ P, rcond=1e-10, hermitian=True) @ P.T
         matrix = np.empty((len(inverse), 3, len(inverse), 3))
         for start in range(0, len(inverse), BATCH):
             some = inverse[start : start + BATCH]
             loads = np.einsum("an,xy->axny", some, np.eye(3)).reshape(3 * len(some), -1, 3)
-            fields = relaxation.residual(loads).reshape(len(some), 3, -1, 3)
+            fields = residual(loads).reshape(len(some), 3, -1, 3)
             matrix[start : start + BATCH] = np.einsum("bn,axny->axby", inverse, fields, optimize=True)
         flat = matrix.reshape(3 * len(inverse), -1)
         return cls(near, weights, 0.5 * (flat + flat.T))
@@ -65,15 +65,14 @@ class Anchors:
         moved = [P @ (self.matrix @ (P.T @ f).ravel()).reshape(-1, 3) for f in force.reshape(-1, *force.shape[-2:])]
         return np.reshape(moved, force.shape)
 
-    def error(self, relaxation: Relaxation) -> tuple[float, float]:
+    def error(self, scene: Scene, residual: Callable[[Array], Array]) -> tuple[float, float]:
         """How far the compliance of usual grabs over the surface is off: in the middle and at most, shares of it."""
-        scene, shares = relaxation.scene, []
-        x, radius = scene.mesh.vertices, usual_grip(scene)[1]
+        x, shares, radius = scene.mesh.vertices, [], usual_grip(scene)[1]
         for point in spread_points(scene, JUDGED).tolist():
             held = np.flatnonzero((np.linalg.norm(x - x[point], axis=1) <= radius) & scene.movable)
             force = np.zeros((3, *x.shape))
             force[np.arange(3)[:, None], held, np.arange(3)[:, None]] = 1 / len(held)
-            exact = relaxation.residual(force)[:, held].mean(axis=1)
+            exact = residual(force)[:, held].mean(axis=1)
             kept = self.residual(force)[:, held].mean(axis=1)
             shares.append(float(np.linalg.norm(kept - exact) / np.linalg.norm(exact)))
         return float(np.median(shares)), max(shares)

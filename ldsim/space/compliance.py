@@ -22,6 +22,7 @@ from ldsim.mechanics.elastic import PAIRS, third_derivative
 from ldsim.mechanics.scene import Scene
 from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis
+from ldsim.space.modes import Modes
 from ldsim.space.relaxation import Relaxation
 
 # Grabs whose fields are kept, up to 36 numbers a vertex each.
@@ -37,13 +38,13 @@ MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class Compliance:
-    """C of a scene and the coordinates V of a condensed space.
+    """C of a scene and the coordinates V of a condensed space, less that of modes that swing beside them.
 
     Its factor is made when it is first needed; `sag` is a call that needs it.
     """
 
-    def __init__(self, scene: Scene, coordinates: Basis) -> None:
-        self.scene, self._coordinates = scene, coordinates
+    def __init__(self, scene: Scene, coordinates: Basis, modes: Modes | None = None) -> None:
+        self.scene, self._coordinates, self.modes = scene, coordinates, modes
         self._relaxation: Relaxation | None = None
         self.anchors: Anchors | None = None
         self._softness = 1.0
@@ -57,7 +58,12 @@ class Compliance:
         """C f, (…, n, 3) metres, of forces (…, n, 3), N."""
         if self.anchors is not None:
             return self._softness * self.anchors.residual(force)
-        return self._softness * self.relaxation.residual(force)
+        return self._softness * self.at_rest(force)
+
+    def at_rest(self, force: Array) -> Array:
+        """C f of the solid that is not stiffened, without anchors, (…, n, 3) metres."""
+        found = self.relaxation.residual(force)
+        return found if self.modes is None else found - self.modes.moved(force)
 
     @property
     def relaxation(self) -> Relaxation:
@@ -78,7 +84,7 @@ class Compliance:
             return self
         self.sag()
         other = self._without_grabs()
-        other.anchors = anchors or Anchors.of(self.relaxation)
+        other.anchors = anchors or Anchors.of(self.scene, self.at_rest)
         return other
 
     def _without_grabs(self) -> Compliance:
@@ -158,8 +164,8 @@ class Compliance:
         """What dead loads move, (n, 3) metres, and unit gravity along each axis, (n, 3, 3) s²."""
         if self._sags is None:
             dead = self.scene.force(np.zeros(3))
-            weights = self.relaxation.residual(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
-            fields = self.relaxation.residual(dead), weights.transpose(1, 2, 0)
+            weights = self.at_rest(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
+            fields = self.at_rest(dead), weights.transpose(1, 2, 0)
             self._sags = self._softness * fields[0], self._softness * fields[1]
         return self._sags
 

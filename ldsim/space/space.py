@@ -25,6 +25,7 @@ from ldsim.space.compliance import Compliance
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY, Encoder, nearest_latent
 from ldsim.space.lifting import Lifting
+from ldsim.space.modes import Modes
 from ldsim.space.novelty import Novelty
 
 
@@ -101,19 +102,34 @@ class Space:
         return cls("latent", scene, basis, *networks, rule)
 
     @classmethod
-    def condensed(cls, scene: Scene, basis: Basis, networks: tuple[Decoder, Encoder], rule: CubatureRule) -> Space:
+    def condensed(
+        cls,
+        scene: Scene,
+        basis: Basis,
+        networks: tuple[Decoder, Encoder],
+        rule: CubatureRule,
+        squares: Array | None = None,
+    ) -> Space:
         """Coordinates z = VᵀMu of the first r columns of a basis; what the others decode to is in equilibrium with it.
 
         Args:
             rule: the virtual points of V_eff(z), or points of the mesh.
+            squares: ω² of the last columns, (m,) 1/s², which are modes that swing beside z (space/modes.py).
         """
-        coordinates = basis.columns(networks[0].r)
-        return cls("latent", scene, basis, *networks, rule, compliance=Compliance(scene, coordinates))
+        coordinates, modes = basis.columns(networks[0].r), None
+        if squares is not None and len(squares):
+            modes = Modes(np.ascontiguousarray(basis.fields[:, :, -len(squares) :]), squares)
+        return cls("latent", scene, basis, *networks, rule, compliance=Compliance(scene, coordinates, modes))
 
     @property
     def is_condensed(self) -> bool:
         """Whether all but its coordinates is in static equilibrium."""
         return self.compliance is not None
+
+    @property
+    def squares(self) -> Array:
+        """ω² of the modes that swing beside the coordinates, the last columns of the basis, (m,) 1/s²; mostly none."""
+        return np.empty(0) if self.compliance is None or self.compliance.modes is None else self.compliance.modes.squares
 
     @property
     def r(self) -> int:

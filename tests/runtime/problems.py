@@ -21,12 +21,13 @@ from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
 from ldsim.space.anchors import Anchors
 from ldsim.space.basis import Basis, inner_product
-from ldsim.space.compliance import Compliance
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
 from ldsim.space.novelty import Novelty
-from ldsim.space.pca import orthonormalised
+from ldsim.space.modes import slowest_modes
+from ldsim.space.pca import orthonormal_rows, orthonormalised
+from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 from tests.helpers import reduced_space, scene
 
@@ -103,13 +104,17 @@ def mixed(decoder: Decoder | None = None) -> Space:
     return reduced_space(solid, U, curved() if decoder is None else decoder, thinned(solid))
 
 
-def condensed(material: str = "neo_hookean") -> Space:
-    """z, functions of it that virtual points see, and slaved coordinates that they do not."""
+def condensed(material: str = "neo_hookean", modes: int = 0) -> Space:
+    """z, functions of it that virtual points see, and slaved coordinates that they do not, of which some may swing."""
     solid = body(material, resolution=2)  # so large that its factor has several supernodes
-    U = smooth_basis(solid, R + 2)
+    U, squares = smooth_basis(solid, R + 2), np.empty(0)
+    if modes:
+        found = slowest_modes(Relaxation(solid, Basis.of(U[:, :R], solid.mass)), modes)
+        rows = orthonormal_rows(np.hstack([U[:, :R], found.fields.reshape(len(U), -1), U[:, R:]]).T, solid.mass)
+        U, squares = np.concatenate([rows[:R], rows[R + modes :], rows[R : R + modes]]).T, found.squares
     columns = np.concatenate([U[:, :R], np.zeros((len(U), 3)), U[:, R:]], axis=1)
     basis = Basis.of(columns, solid.mass)
-    rng, k = np.random.default_rng(4), R + 5
+    rng, k = np.random.default_rng(4), R + 5 + modes
     layers = [rng.normal(size=(R, 8)), rng.normal(size=(8, k)) * 0.02]
     layers[1][:, :R] = 0.0
     decoder = Decoder.network(layers, [rng.normal(size=8), np.zeros(k)], "tanh", np.eye(R, k))
@@ -120,8 +125,7 @@ def condensed(material: str = "neo_hookean") -> Space:
     maps[:, :, R : R + 3] = rng.normal(size=(len(points), 9, 3)) * np.abs(stiff).mean()
     number = material_number(material)
     rule = CubatureRule(points, weights, 0.0, maps, material=number)
-    compliance = Compliance(solid, basis.columns(R))
-    return Space("latent", solid, basis, decoder, IDENTITY, rule, compliance=compliance)
+    return Space.condensed(solid, basis, (decoder, IDENTITY), rule, squares)
 
 
 def with_linear_dents(material: str) -> Space:
@@ -134,7 +138,7 @@ def with_linear_dents(material: str) -> Space:
 def anchored(space: Space, count: int = 30) -> Space:
     """A condensed space whose compliance is kept at fewer anchors than it has free vertices."""
     assert space.compliance is not None and count < len(space.scene.free) / 2
-    anchors = Anchors.of(space.compliance.relaxation, count)
+    anchors = Anchors.of(space.scene, space.compliance.at_rest, count)
     return replace(space, compliance=space.compliance.anchored(anchors))
 
 

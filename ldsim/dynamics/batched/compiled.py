@@ -22,6 +22,7 @@ from ldsim.dynamics.batched.newton import BatchedSolution
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
 from ldsim.dynamics.reduced.advance import StepReference, advance
 from ldsim.dynamics.reduced.options import ReducedOptions
+from ldsim.dynamics.reduced.potential import Reduced
 from ldsim.dynamics.reduced.state import numbers_of_a_state, state_rows
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.jit import njit
@@ -35,7 +36,8 @@ class Acting(NamedTuple):
     """`BatchedLoads` in numbers, as the compiled steps read it.
 
     B (n, g, 3, k), centre and target (n, g, 3), stiffness (n, g): the grabs. mu, lam (n,): factors of the moduli. force
-    (n, k): on q, N. lifted (n, c, 9): what pins add at every point, or (n, 0, 9) where none can move.
+    (n, k): on q, N. lifted (n, c, 9): what pins add at every point, or (n, 0, 9) where none can move. follows (n, m): a of
+    modes that swing.
     """
 
     B: Array
@@ -46,6 +48,7 @@ class Acting(NamedTuple):
     lam: Array
     force: Array
     lifted: Array
+    follows: Array
 
     @classmethod
     def of(cls, model: BatchedModel, loads: BatchedLoads) -> Acting:
@@ -53,13 +56,13 @@ class Acting(NamedTuple):
         lifted = loads.a.new_zeros(len(loads.a), 0, 9)
         if model.lifted.shape[1]:
             lifted = (loads.a @ model.lifted).permute(1, 2, 0)
-        return cls(*(np.ascontiguousarray(each.numpy()) for each in (*given, lifted)))
+        return cls(*(np.ascontiguousarray(each.numpy()) for each in (*given, lifted, loads.follows)))
 
 
 @njit(cache=True, nogil=True)
 def advance_many(
     reference: StepReference,
-    moduli: tuple[Array, Array],
+    moduli: tuple[Array, Array, Array, Array],
     acting: Acting,
     before: Array,
     lacking: NDArray[np.bool_],
@@ -71,7 +74,7 @@ def advance_many(
 
     Args:
         reference: of a model and springs of its own (`ReducedStepper.unloaded`), which what acts is written into.
-        moduli: μ and λ of its points, (c,) each.
+        moduli: μ and λ of its points, (c,) each, ω² of its modes, and its inertia with all of that of the modes.
         before, after: `ReducedState.data` of each, after is overwritten. lacking: which have no preconditioner.
         others: False, for inverse Hessians hold no springs; as a constant it would have the whole step compiled again.
         records: (n, RECORD), what `advance` returns of each, overwritten.
@@ -83,16 +86,27 @@ def advance_many(
         model.lifted[:] = acting.lifted[i]
         for s in range(model.mu.shape[0]):
             model.mu[s], model.lam[s] = acting.mu[i] * moduli[0][s], acting.lam[i] * moduli[1][s]
+        _follow(model, moduli[2], moduli[3], acting.mu[i], acting.follows[i])
         records[i, 0], records[i, 1], records[i, 2], records[i, 3], records[i, 4] = advance(
             reference, before[i], lacking[i], others, after[i]
         )
+
+
+@njit(cache=True, nogil=True)
+def _follow(model: Reduced, squares: Array, inertia: Array, scale: float, follows: Array) -> None:
+    """The modes of an instance so many times as stiff."""
+    first = inertia.shape[1] - follows.shape[0]
+    for j in range(follows.shape[0]):
+        model.follows[j], model.gives[j] = follows[j], follows[j] / (scale * squares[j])
+        for row in range(inertia.shape[0]):
+            model.inertia[row, first + j] = follows[j] * inertia[row, first + j]
 
 
 class _Kept(threading.local):
     """What each thread steps by, by the number of grabs: a step of few instances takes less time than making it."""
 
     def __init__(self) -> None:
-        self.known: dict[int, tuple[StepReference, tuple[Array, Array]]] = {}
+        self.known: dict[int, tuple[StepReference, tuple[Array, Array, Array, Array]]] = {}
 
 
 @cache
@@ -143,10 +157,11 @@ class CompiledSteps:
         found, q = (torch.from_numpy(after[:, own].copy()) for own in (slice(r), slice(3 * r, 3 * r + k)))
         return found, q, torch.from_numpy(after), solution
 
-    def _of_thread(self, grabs: int) -> tuple[StepReference, tuple[Array, Array]]:
+    def _of_thread(self, grabs: int) -> tuple[StepReference, tuple[Array, Array, Array, Array]]:
         """What this thread steps by, and the moduli of the points."""
         known = self._kept.known
         if grabs not in known:
             model, _, reference = self._stepper.unloaded(grabs)
-            known[grabs] = reference, (model.mu.copy(), model.lam.copy())
+            inertia = self._stepper.inertia
+            known[grabs] = reference, (model.mu.copy(), model.lam.copy(), model.squares.copy(), inertia)
         return known[grabs]

@@ -18,7 +18,7 @@ from torch import Tensor
 from ldsim.arrays import Array
 from ldsim.dynamics.batched.decoder import BatchedDecoder
 from ldsim.dynamics.batched.materials import Material, twins
-from ldsim.dynamics.batched.warped import BatchedSeries, Pulled, pulled
+from ldsim.dynamics.batched.warped import BatchedSeries, Pulled, Swing, pulled
 from ldsim.dynamics.reduced.matrices import reduced_mass
 from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.mechanics.grabs import Grab
@@ -35,8 +35,9 @@ class BatchedLoads(NamedTuple):
     B (n, g, 3, k) and centre (n, g, 3), m: the centroid of what a grab holds is centre + B q. target (n, g, 3), m.
     stiffness (n, g), N/m; zero for no grab. gravity (n, 3), m/s². mu, lam (n,): factors of the scene's Lamé parameters;
     the same factor in both scales Young's modulus. a (n, l): where moved pins are (`space.lifting`); change (n, l):
-    aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in. series: of a condensed space, whose B and centre the step fills in too,
-    what else it knows of the grabs; there a stiffness of zero has no slope.
+    aₙ₊₁ − 2aₙ + aₙ₋₁, which the step fills in. follows (n, m): a of modes that swing (space/modes.py), filled in too.
+    series: of a condensed space, whose B and centre the step fills in too, what else it knows of the grabs; there a
+    stiffness of zero has no slope.
     """
 
     B: Tensor
@@ -48,6 +49,7 @@ class BatchedLoads(NamedTuple):
     lam: Tensor
     a: Tensor
     change: Tensor
+    follows: Tensor
     series: BatchedSeries | None = None
 
     def of(self, instances: Tensor | slice) -> BatchedLoads:
@@ -55,8 +57,8 @@ class BatchedLoads(NamedTuple):
         series = None if self.series is None else self.series.of_instances(instances)
         return BatchedLoads._make([*(values[instances] for values in self.tensors), series])
 
-    def in_series(self, q: Tensor) -> Pulled:
-        """What the grabs of a condensed space do at q, (n, k).
+    def in_series(self, q: Tensor, swing: Swing | None = None) -> Pulled:
+        """What the grabs of a condensed space do at q, (n, k), in a step where modes swing.
 
         An instance that has a number that is not finite gets springs that are not, so that its step is lost; the
         others, and their gradients, do not notice.
@@ -69,7 +71,9 @@ class BatchedLoads(NamedTuple):
             return torch.where(fine.reshape(-1, *[1] * (values.dim() - 1)), values, other)
 
         target, stiffness, gravity = (kept(each, 0.0) for each in (self.target, self.stiffness, self.gravity))
-        found = pulled(self.series, target, stiffness, gravity, 1 / kept(self.mu, 1.0), kept(q, 0.0))
+        if swing is not None:
+            swing = Swing(*(kept(each, 0.0) for each in swing))
+        found = pulled(self.series, target, stiffness, gravity, 1 / kept(self.mu, 1.0), kept(q, 0.0), swing)
         return Pulled(*(kept(each, torch.nan) for each in found))
 
     def serial(self, instance: int) -> Loads:
@@ -107,6 +111,7 @@ class BatchedModel:
         inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
         load: the scene's dead load, (k,), N.
         lifted: ∂F/∂a of every point, (9, l, c); momentum: UᵀML/h², (k, l). l is 0 where all pins stand still.
+        squares: ω² of modes that swing, the last of q, (m,) 1/s²; rate: 1/h².
     """
 
     decoder: BatchedDecoder
@@ -120,6 +125,8 @@ class BatchedModel:
     load: Tensor
     lifted: Tensor
     momentum: Tensor
+    squares: Tensor
+    rate: float
 
     @classmethod
     def of(cls, space: Space, device: torch.device, dtype: torch.dtype) -> BatchedModel:
@@ -146,7 +153,25 @@ class BatchedModel:
             tensor(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),
             tensor(pins.strain.transpose(1, 2, 0)),
             tensor(pins.inertia),
+            tensor(space.squares),
+            1 / scene.time_step**2,
         )
+
+    def swing(self, loads: BatchedLoads, predictor: Tensor) -> Swing:
+        """How modes move in a step; loads need not know a yet."""
+        squares = loads.mu[:, None] * self.squares
+        gives = 1 / (squares + self.rate)
+        follows, modes = squares * gives, len(self.squares)
+        force = (loads.gravity @ self.weight + self.load)[:, -modes:]
+        return Swing(follows, gives, (1 - follows) * predictor[:, -modes:] + gives * force)
+
+    def _following(self, values: Tensor, loads: BatchedLoads) -> Tensor:
+        """Values of all coordinates, (n, …, k), those of modes a times."""
+        modes = len(self.squares)
+        if not modes:
+            return values
+        shares = loads.follows.reshape(len(values), *[1] * (values.dim() - 2), modes)
+        return torch.cat([values[..., :-modes], shares * values[..., -modes:]], dim=-1)
 
     def _strains(self, q: Tensor, loads: BatchedLoads) -> Tensor:
         """F of every point, (3, 3, n, c)."""
@@ -175,11 +200,11 @@ class BatchedModel:
         """∂E/∂q, (n, k), N."""
         elastic = torch.matmul(self._stresses(loads, F), self.G.transpose(1, 2)).sum(0)
         springs = torch.einsum("ng,ngi,ngik->nk", loads.stiffness, self._pulls(loads, q), loads.B)
-        return (q - predictor) @ self.inertia - self.dead(loads) + elastic + springs
+        return self._following((q - predictor) @ self.inertia, loads) - self.dead(loads) + elastic + springs
 
     def dead(self, loads: BatchedLoads) -> Tensor:
         """Weight and load, and what moving pins take along, (n, k), N."""
-        return loads.gravity @ self.weight + self.load - loads.change @ self.momentum.T
+        return self._following(loads.gravity @ self.weight + self.load - loads.change @ self.momentum.T, loads)
 
     @staticmethod
     def _pulls(loads: BatchedLoads, q: Tensor) -> Tensor:
@@ -194,7 +219,7 @@ class BatchedModel:
         """
         q, outputs = self.decoder.forward(z)
         F, offset = self._strains(q, loads), q - predictor
-        value = 0.5 * (offset @ self.inertia * offset).sum(1) - (self.dead(loads) * q).sum(1)
+        value = 0.5 * (self._following(offset @ self.inertia, loads) * offset).sum(1) - (self.dead(loads) * q).sum(1)
         value = value + 0.5 * (loads.stiffness * (self._pulls(loads, q) ** 2).sum(2)).sum(1)
         for material, at, mu, lam in self._parts(loads):
             value = value + material.density(F[..., at], mu, lam) @ self.weights[at]
@@ -215,7 +240,7 @@ class BatchedModel:
         )
         H = torch.matmul((T * self.weights).flatten(0, 1), X.flatten(0, 1).transpose(-1, -2)).sum(0)
         BJ = torch.einsum("ngik,nrk->ngir", loads.B, J)
-        H = H + J @ self.inertia @ J.transpose(1, 2)
+        H = H + self._following(J @ self.inertia, loads) @ J.transpose(1, 2)
         H = H + torch.einsum("ng,ngia,ngib->nab", loads.stiffness, BJ, BJ)
         H = H + self.decoder.curvature(at, self._force(loads, predictor, at.q, F))
         return 0.5 * (H + H.transpose(1, 2))

@@ -15,7 +15,7 @@ from ldsim.arrays import Array, Indices
 from ldsim.dynamics.batched.compiled import CompiledSteps
 from ldsim.dynamics.batched.newton import BatchedSolution, minimise
 from ldsim.dynamics.batched.potential import BatchedLoads, BatchedModel
-from ldsim.dynamics.batched.warped import BatchedSeries
+from ldsim.dynamics.batched.warped import BatchedSeries, Pulled, Swing
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import AT_REST, ReducedState, numbers_of_a_state
 from ldsim.errors import SolverError
@@ -189,10 +189,10 @@ class BatchedStepper:
         own = [self._gravity if each.gravity is None else self.tensor(each.gravity) for each in loads]
         gravity = torch.stack(own) if own else self.tensor(np.zeros((0, 3)))
         pins = self.tensor(a)
-        series = None
+        series, nothing = None, self.tensor(np.zeros((n, len(self.model.squares))))
         if self.space.is_condensed:
             series = BatchedSeries.of(self.space, [each.grabs for each in loads], self.tensor)
-        return BatchedLoads._make([*springs, gravity, ones, ones, pins, torch.zeros_like(pins), series])
+        return BatchedLoads._make([*springs, gravity, ones, ones, pins, torch.zeros_like(pins), nothing, series])
 
     def step(self, state: BatchedState, loads: BatchedLoads) -> tuple[BatchedState, BatchedSolution]:
         """Advance every instance by one time step; the given state is unchanged.
@@ -211,11 +211,16 @@ class BatchedStepper:
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
         before = _Before(state.z.detach(), state.z_previous.detach(), state.kept)
-        acting = self._in_series(loads, state.q).tensors
-        z = _Step.apply(self, results, before, predictor, *acting)  # type: ignore[no-untyped-call]
+        swing = self.model.swing(loads, predictor) if len(self.model.squares) else None
+        if swing is not None:
+            loads = loads._replace(follows=swing.follows)
+        acting, pulled = self._in_series(loads, state.q, swing)
+        z = _Step.apply(self, results, before, predictor, *acting.tensors)  # type: ignore[no-untyped-call]
         _, q, kept, record = results[0]
-        if q is None or z.requires_grad:
+        if q is None or z.requires_grad or swing is not None:
             q = self.model.decoder(z)
+        if swing is not None and pulled is not None and loads.series is not None:
+            q = self._swung(q, swing, pulled, loads.series)
         stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
         beside = None
@@ -228,16 +233,25 @@ class BatchedStepper:
             )
         return BatchedState(z, state.z, q, state.q, loads.a, state.a, kept, beside), record
 
-    def _in_series(self, loads: BatchedLoads, q: Tensor) -> BatchedLoads:
-        """The loads of a step from q, (n, k), the springs of a condensed space made."""
+    def _in_series(self, loads: BatchedLoads, q: Tensor, swing: Swing | None) -> tuple[BatchedLoads, Pulled | None]:
+        """The loads of a step from q, (n, k), the springs of a condensed space made, and what they were made of."""
         if loads.series is None:
-            return loads
+            return loads, None
         if not torch.equal(loads.mu.nan_to_num(), loads.lam.nan_to_num()):
             raise SolverError("a condensed space has one factor for both moduli; mu and lam of the loads differ")
-        found = loads.in_series(q)
-        return loads._replace(
-            B=found.B, centre=found.centre, target=found.target, stiffness=torch.ones_like(loads.stiffness)
-        )
+        found = loads.in_series(q, swing)
+        springs = {"B": found.B, "centre": found.centre, "target": found.target}
+        return loads._replace(**springs, stiffness=torch.ones_like(loads.stiffness)), found
+
+    @staticmethod
+    def _swung(q: Tensor, swing: Swing, pulled: Pulled, series: BatchedSeries) -> Tensor:
+        """Where modes come to at the end of a step, q = φ(z) else, (n, k)."""
+        modes = swing.swung.shape[1]
+        ways = pulled.target - pulled.centre - torch.einsum("ngik,nk->ngi", pulled.B, q)
+        forces = torch.einsum("nij,nj->ni", pulled.forces, ways.flatten(1))
+        pull = torch.einsum("nim,ni->nm", series.B[..., -modes:], forces)
+        moved = swing.follows * q[:, -modes:] + swing.swung + swing.gives * pull
+        return torch.cat([q[:, :-modes], moved], dim=1)
 
     def displacement(self, state: BatchedState, vertices: Indices) -> Tensor:
         """u = U q + L a of some vertices, (n, v, 3), metres, and what loads move beside it; differentiable."""

@@ -78,10 +78,19 @@ class BatchedSeries(NamedTuple):
         return BatchedSeries._make([*(values[instances] for values in self[:-1]), self.held])
 
 
+class Swing(NamedTuple):
+    """How modes move in a step, y = follows x + swung + gives f (space/modes.py): (n, m) each, gives in s²."""
+
+    follows: Tensor
+    gives: Tensor
+    swung: Tensor
+
+
 class Pulled(NamedTuple):
     """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3).
 
     And of each what its dent is made of: A (n, g, 3, 3), C^-½, D and N z as `Dent` has them, and Aᵀ f, (n, g, 3), N.
+    forces (n, 3g, 3g): what makes forces of the ways of the unit springs.
     """
 
     B: Tensor
@@ -92,6 +101,7 @@ class Pulled(NamedTuple):
     second: Tensor
     coupled: Tensor
     force: Tensor
+    forces: Tensor
 
     def amounts(self) -> Tensor:
         """How much of each of `Compliance.fields` they make, (n, g, 9), N and N²."""
@@ -104,7 +114,13 @@ class Pulled(NamedTuple):
 
 
 def pulled(
-    series: BatchedSeries, target: Tensor, stiffness: Tensor, gravity: Tensor, softness: Tensor, q: Tensor
+    series: BatchedSeries,
+    target: Tensor,
+    stiffness: Tensor,
+    gravity: Tensor,
+    softness: Tensor,
+    q: Tensor,
+    swing: Swing | None = None,
 ) -> Pulled:
     """See reduced/warped.py, which has the formulas.
 
@@ -112,6 +128,7 @@ def pulled(
         target: (n, g, 3), m. stiffness: (n, g), N/m, zero for no grab. gravity: (n, 3). softness: (n,), how much softer
             than the scene each solid is.
         q: where the step begins, (n, k).
+        swing: how modes move in it; None where there are none, and for what grabs do at q itself.
     """
     n, g = stiffness.shape
     soft = softness[:, None, None, None]
@@ -158,11 +175,19 @@ def pulled(
     H = H - 0.25 * torch.einsum("ngbi,nga,ngabk->ngik", inverse, dents, series.gradient)
     changed = 0.5 * share[..., None, None] * torch.einsum("ngia,ngfab,ngb->ngif", A, coupling, bodies)
     H = (H + torch.nn.functional.pad(changed, (0, H.shape[3] - changed.shape[3]))).flatten(1, 2)
-    base = centre - torch.einsum("nik,nk->ni", H, q) - aside
-    rows = torch.cat([series.B + H, base[:, :, None], target.reshape(n, 3 * g, 1)], dim=2)
+    base, levers = centre - torch.einsum("nik,nk->ni", H, q) - aside, series.B + H
+    if swing is not None:
+        modes = swing.swung.shape[1]
+        own, held = levers[..., -modes:], series.B[..., -modes:]
+        base = base + torch.einsum("nim,nm->ni", own, swing.swung)
+        levers = torch.cat([levers[..., :-modes], own * swing.follows[:, None]], dim=2)
+        M = M + torch.einsum("nim,nm,njm->nij", held, swing.gives, held)
+        L, _ = torch.linalg.cholesky_ex(one + stiff[:, :, None] * M * stiff[:, None])
+    rows = torch.cat([levers, base[:, :, None], target.reshape(n, 3 * g, 1)], dim=2)
     rows = torch.linalg.solve_triangular(L, stiff[:, :, None] * rows, upper=False).unflatten(1, (g, 3))
     own = torch.einsum("ngia,ngi->nga", A, f.reshape(n, g, 3))
-    return Pulled(rows[..., :-2], rows[..., -2], rows[..., -1], A, root, second, coupled, own)
+    forces = torch.linalg.solve_triangular(L.transpose(1, 2), one.expand_as(L), upper=True) * stiff[:, :, None]
+    return Pulled(rows[..., :-2], rows[..., -2], rows[..., -1], A, root, second, coupled, own, forces)
 
 
 def _limit(root: Tensor, change: Tensor) -> Tensor:

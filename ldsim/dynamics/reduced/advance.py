@@ -17,7 +17,7 @@ from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import Exchange, Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
 from ldsim.dynamics.reduced.state import fields
-from ldsim.dynamics.reduced.warped import warp_springs
+from ldsim.dynamics.reduced.warped import swing_on, warp_springs
 from ldsim.jit import njit
 
 
@@ -52,9 +52,9 @@ def step_reference(
 @njit(cache=True, nogil=True)
 def warp(reference: StepReference, q: Array) -> None:
     """Warp the springs of a condensed space as it is at coordinates q, (k,)."""
-    _, springs, _, _, series = reference.content
+    model, springs, _, _, series = reference.content
     if len(series.softness) > 0:
-        warp_springs(series, q, springs)
+        warp_springs(series, model, q, springs)
 
 
 @njit(cache=True, nogil=True)
@@ -76,8 +76,12 @@ def advance(
     r, k = work.g.shape[0], work.q.shape[0]
     z, z_previous, guess, q, q_previous, H, differences, released = fields(state, r, k)
     z_new, z_before, guess_new, q_new, q_before, H_new, differences_new, held = fields(new, r, k)
+    modes = len(series.swung)
+    for j in range(modes):
+        f, a = k - modes + j, reduced.follows[j]
+        series.swung[j] = (1.0 - a) * (2.0 * q[f] - q_previous[f]) + reduced.gives[j] / a * reduced.force[f]
     if len(series.softness) > 0:
-        warp_springs(series, q, springs)
+        warp_springs(series, reduced, q, springs)
     z_new[:] = z
     H_new[:] = H
     predictor = q_new  # read as q̂ while the step runs; φ(z) takes its place afterwards
@@ -95,6 +99,8 @@ def advance(
     for j in range(k):
         q_new[j] = work.q[j]
         q_before[j] = q[j]
+    if modes > 0:
+        swing_on(series, reduced, springs, q_new)
     return result
 
 

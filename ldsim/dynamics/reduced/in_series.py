@@ -29,9 +29,10 @@ class InSeries(NamedTuple):
         bodies: f₀ = Aᵀ f in the solid's frame at rest, (g, 3), N.
         aside: ½ A D(f₀, f₀), (3g,), metres.
         forces, dents: f of all springs, (3g,), N, and A d, (3g,), metres.
-        levers: B + H, (3g, k).
-        base: such that base + levers q is the centre at q less what is aside, (3g,), metres.
+        levers: B + H, (3g, k), of modes that swing the share that follows φ(z).
+        base: such that base + levers φ is the centre where modes are left to swing, less what is aside, (3g,), metres.
         pull, factor: L⁻ᵀ, which makes forces of the stretch of the unit springs, and L, (3g, 3g).
+        swung: where modes go that nothing but their inertia and weight moves, less a times φ(z), (m,).
     """
 
     B: Array
@@ -58,12 +59,13 @@ class InSeries(NamedTuple):
     base: Array
     pull: Array
     factor: Array
+    swung: Array
 
     @classmethod
-    def none(cls, k: int) -> InSeries:
+    def none(cls, k: int, modes: int = 0) -> InSeries:
         """Where there is no grab, or no compliance."""
         shapes = (0, k), (0,), (0, 0), (0,), (0, 3, 3, k), (0, 0, 3, 3), (0, 3, 3, 3), (0, 3, 3)
-        return cls._make([*map(np.zeros, shapes), True, *_written(0, k)])
+        return cls._make([*map(np.zeros, shapes), True, *_written(0, k, modes)])
 
     @classmethod
     def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> InSeries:
@@ -87,13 +89,13 @@ class InSeries(NamedTuple):
             second,
             root,
             not (coupling.any() or second.any()),
-            *_written(len(held), U.shape[2]),
+            *_written(len(held), U.shape[2], len(space.squares)),
         )
 
 
-def _written(count: int, k: int) -> list[Array]:
+def _written(count: int, k: int, modes: int) -> list[Array]:
     """Room for the target and for all that `warp_springs` writes, of some grabs."""
     n = 3 * count
     matrices = [(count, 3, 3)] * 3
-    shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n)
+    shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n), (modes,)
     return [np.zeros(shape) for shape in shapes]

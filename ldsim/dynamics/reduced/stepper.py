@@ -25,6 +25,7 @@ from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.pins import MovedPins
 from ldsim.optimise.solution import Reason, Solution
+from ldsim.space.modes import following
 from ldsim.space.space import Space
 
 # Iterations, beyond those of the step that made it, for which a preconditioner is kept, and after which a single step
@@ -43,6 +44,7 @@ class ReducedStepper:
 
     Attributes:
         mass: M̃ = UᵀMU, (k, k) float64, kg in the coordinates of U.
+        inertia: M̃/h², or its diagonal, (1, k), where that is all; of modes that swing all of it.
     """
 
     def __init__(self, space: Space, options: ReducedOptions = ReducedOptions()) -> None:
@@ -51,7 +53,8 @@ class ReducedStepper:
         self.space, self.scene, self.options = space, scene, options
         self._elements = elements = rule.elements(scene)
         self.mass = reduced_mass(scene, basis)
-        inertia = (0.0 if options.quasistatic else 1.0) * self.mass / scene.time_step**2
+        self._rate = (0.0 if options.quasistatic else 1.0) / scene.time_step**2
+        inertia = self._rate * self.mass
         self._stiffness = reduced_rest_stiffness(scene, basis)
         self._model = Reduced(
             space.decoder.layers,
@@ -64,8 +67,15 @@ class ReducedStepper:
             inertia + self._stiffness if options.inertia else self._stiffness,
             basis.matrix.T @ scene.external_force.ravel(),
             np.zeros((0, 9)),
+            space.squares,
+            *following(space.squares, self._rate),
         )
-        self._own_metric = self._model.metric
+        self._own_metric, self.inertia, self._own_force = (
+            self._model.metric,
+            self._model.inertia,
+            self._model.force,
+        )
+        self._model = self._swinging(1.0)
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
         self._weight = np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)
@@ -89,6 +99,16 @@ class ReducedStepper:
         )
         self._total_mass = float(scene.mass.sum())
         self._threads = threading.local()
+
+    def _swinging(self, scale: float) -> Reduced:
+        """The model with the modes that swing of a solid so many times as stiff."""
+        squares = scale * self.space.squares
+        follows, gives = following(squares, self._rate)
+        inertia, force = self.inertia.copy(), self._own_force.copy()
+        if len(squares):
+            inertia[:, -len(squares) :] *= follows  # nothing couples modes with other columns, or with each other
+            force[-len(squares) :] *= follows
+        return self._model._replace(inertia=inertia, force=force, squares=squares, follows=follows, gives=gives)
 
     def rest(self) -> ReducedState:
         """The undeformed solid, without velocity."""
@@ -215,7 +235,8 @@ class ReducedStepper:
         other = copy(self)
         elements = self._elements
         metric = self._own_metric + (scale - 1) * self._stiffness
-        other._model = self._model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
+        model = self._swinging(scale)
+        other._model = model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
         if self.space.compliance is not None:
             other.space = replace(self.space, compliance=self.space.compliance.stiffened(scale))
         other._threads = threading.local()
@@ -233,10 +254,11 @@ class ReducedStepper:
         """What a thread steps by that writes forces, moduli and so many springs itself; nobody else has its arrays."""
         own, k = self._model, self._dimensions[1]
         lifted = np.zeros((0 if self._pins is None else len(own.weights), 9))
-        model = own._replace(force=own.force.copy(), mu=own.mu.copy(), lam=own.lam.copy(), lifted=lifted)
+        names = "force", "mu", "lam", "inertia", "squares", "follows", "gives"
+        model = own._replace(lifted=lifted, **{name: getattr(own, name).copy() for name in names})
         springs = Springs(np.zeros((grabs, 3, k)), np.zeros((grabs, 3)), np.zeros((grabs, 3)), np.zeros(grabs))
         work = make_work(self.space.decoder, len(own.weights))
-        return Unloaded(model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k)))
+        return Unloaded(model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k, len(own.squares))))
 
     def _base_force(self, gravity: Array | None, workspace: Workspace) -> Array:
         """Uᵀ f_ext under some gravity, (k,), written into this thread's model where it is not there yet."""
@@ -244,6 +266,8 @@ class ReducedStepper:
             return self._model.force
         workspace.other_gravity = gravity is not None
         force = self._model.force if gravity is None else self._load + self._weight @ gravity
+        if gravity is not None and (modes := len(self._model.squares)):
+            force[-modes:] *= self._model.follows
         workspace.model.force[:] = force
         return force
 

@@ -24,7 +24,7 @@ import math
 from ldsim.arrays import Array
 from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import cholesky
-from ldsim.dynamics.reduced.potential import Springs
+from ldsim.dynamics.reduced.potential import Reduced, Springs
 from ldsim.jit import kernel
 from ldsim.mechanics.materials.tensors import Matrix, product_transposed, signed_svd
 from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, unturned
@@ -35,8 +35,8 @@ BENT_STEPS = 3
 
 
 @kernel()
-def warp_springs(series: InSeries, q: Array, springs: Springs) -> None:
-    """Write the springs, and all else that the series says, for a state with coordinates q, (k,).
+def warp_springs(series: InSeries, model: Reduced, q: Array, springs: Springs) -> None:
+    """Write the springs, and all else that the series says, for a state with coordinates q, (k,), and modes as `swung`.
 
     Their energy ½ pᵀ (diag(1/k) + A B C Bᵀ Aᵀ)⁻¹ p couples all grabs. With the Cholesky factor L of what is inverted it
     is ½ ‖L⁻¹ p‖²: springs of unit stiffness on L⁻¹ B, which the kernel of a step knows.
@@ -53,7 +53,10 @@ def warp_springs(series: InSeries, q: Array, springs: Springs) -> None:
             _bend(series, g)
         _aim(series, q)
     for g in range(series.warps.shape[0]):
-        _lever(series, g, q)
+        _lever(series, model.follows, g, q)
+    if series.swung.shape[0] > 0:
+        _swing(series, model.gives)
+        _factorise(series)
     for i in range(series.softness.shape[0]):
         _combine(series, i, springs)
 
@@ -61,12 +64,36 @@ def warp_springs(series: InSeries, q: Array, springs: Springs) -> None:
 @kernel()
 def _aim(series: InSeries, q: Array) -> None:
     """The factor and its inverse, and forces and dents by them."""
-    n, L, pull = series.softness.shape[0], series.factor, series.pull
+    _soften(series)
+    _factorise(series)
+    _dent(series, q)
+
+
+@kernel()
+def _soften(series: InSeries) -> None:
+    """What grabs and springs give way by, which is to be factorised."""
+    n, L = series.softness.shape[0], series.factor
     for g in range(series.warps.shape[0]):
         for h in range(g + 1):
             _warped_pair(series, g, h, L)
     for i in range(n):
         L[i, i] += series.softness[i]
+
+
+@kernel()
+def _swing(series: InSeries, gives: Array) -> None:
+    """Within a step modes give way too, by what their mass lets them."""
+    _soften(series)
+    first = series.B.shape[1] - gives.shape[0]
+    for i in range(series.B.shape[0]):
+        for j in range(i + 1):
+            for f in range(gives.shape[0]):
+                series.factor[i, j] += series.B[i, first + f] * gives[f] * series.B[j, first + f]
+
+
+@kernel()
+def _factorise(series: InSeries) -> None:
+    n, L, pull = series.softness.shape[0], series.factor, series.pull
     cholesky(L)
     for i in range(n):
         for j in range(n):
@@ -76,7 +103,6 @@ def _aim(series: InSeries, q: Array) -> None:
                 pull[h, i] -= L[i, j] * pull[h, j]
         for h in range(i + 1):
             pull[h, i] /= L[i, i]
-    _dent(series, q)
 
 
 @kernel()
@@ -185,10 +211,11 @@ def _dent(series: InSeries, q: Array) -> None:
 
 
 @kernel(fastmath=REASSOCIATE)
-def _lever(series: InSeries, g: int, q: Array) -> None:
+def _lever(series: InSeries, follows: Array, g: int, q: Array) -> None:
     """B + H of one grab, and the centre such that at q nothing is moved but by what the tangent leaves out."""
     inverse, gradient, levers, k = series.inverses, series.gradient, series.levers, q.shape[0]
     x, y, z = series.dents[3 * g], series.dents[3 * g + 1], series.dents[3 * g + 2]
+    first = k - follows.shape[0]
     for i in range(3):
         row, beside = 3 * g + i, 0.0
         for f in range(k):
@@ -205,7 +232,30 @@ def _lever(series: InSeries, g: int, q: Array) -> None:
             levers[row, f] += 0.5 * series.shares[g] * _changed(series, g, i, f)
         for f in range(k):
             beside += (levers[row, f] - series.B[row, f]) * q[f]
+        for f in range(follows.shape[0]):
+            beside -= levers[row, first + f] * series.swung[f]
+            levers[row, first + f] *= follows[f]
         series.base[row] = series.centre[row] - beside - series.aside[row]
+
+
+@kernel()
+def swing_on(series: InSeries, model: Reduced, springs: Springs, q: Array) -> None:
+    """Modes at the end of a step, from φ(z) in q, (k,): what follows it, their own motion, and what grabs pull them by."""
+    modes, k = series.swung.shape[0], q.shape[0]
+    first = k - modes
+    for i in range(series.softness.shape[0]):
+        g, axis = i // 3, i % 3
+        series.base[i] = springs.target[g, axis] - springs.centre[g, axis]
+        for f in range(k):
+            series.base[i] -= springs.B[g, axis, f] * q[f]
+    for f in range(modes):
+        q[first + f] = model.follows[f] * q[first + f] + series.swung[f]
+    for i in range(series.softness.shape[0]):
+        force = 0.0
+        for j in range(i, series.softness.shape[0]):
+            force += series.pull[i, j] * series.base[j]
+        for f in range(modes):
+            q[first + f] += model.gives[f] * force * series.B[i, first + f]
 
 
 @kernel()

@@ -34,7 +34,7 @@ class Workspace:
         self.other_gravity = False
         self.held: tuple[Indices, ...] = ()
         # of the grabs of a condensed space, and the gravity and stiffnesses that it was made for
-        self.series = self._loose = InSeries.none(model.force.shape[0])
+        self.series = self._loose = InSeries.none(model.force.shape[0], len(model.squares))
         self._made_for: tuple[Array | None, list[float]] = (None, [])
         self._dents: list[Array] | None = []
         self._sag: tuple[Array | None, float] | None = None

@@ -27,7 +27,11 @@ from tests.runtime.problems import condensed, with_linear_dents
 pytestmark = pytest.mark.usefixtures("steps")
 
 DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
-SPACES = {"bent dents": condensed, "linear dents": lambda: with_linear_dents("neo_hookean")}
+SPACES = {
+    "bent dents": condensed,
+    "linear dents": lambda: with_linear_dents("neo_hookean"),
+    "modes that swing": lambda: condensed(modes=4),
+}
 
 
 @cache
