@@ -610,7 +610,7 @@ typedef struct {
 /* Counts in the header, in the order of the file. */
 typedef struct {
     uint32_t vertices, triangles, r, features, layers, width[MAX_LAYERS], activation, last_activated, skip, mapped,
-        points, full_inertia, supports, landmarks, condensed, anchors, nearest, cells, corners, basis_bytes, max_iterations;
+        points, full_inertia, supports, landmarks, condensed, anchors, nearest, cells, corners, basis_bytes, max_iterations, modes;
 } counts;
 
 typedef struct {
@@ -625,19 +625,20 @@ struct ldsim_model {
     numbers given;
     uint64_t fingerprint;
     int r, m, points, width, hidden, moved; /* moved: 12 numbers a support */
+    int own, modes; /* of the m features: those that the layers and the skip make, and after them modes that swing */
     int anchors;                            /* 0 where the model is not condensed */
     int wide;                               /* r, up to a multiple of four */
     layer layer[MAX_LAYERS];
     /* all below point into bytes; of basis and compliance either the float64 is there or the float32 */
     const double *rest, *at_zero, *skip, *maps, *weights, *mu, *lambda, *inertia, *load, *unit_weight, *lifting,
-        *lifted_strain, *lifted_inertia, *landmarks, *sag, *vertex_mass, *share, *basis64, *compliance64;
+        *lifted_strain, *lifted_inertia, *landmarks, *mode_rows, *squares, *sag, *vertex_mass, *share, *basis64, *compliance64;
     const float *basis32, *compliance32;
     const uint32_t *triangles, *movable, *kind, *near, *cell; /* cell: vertices of the cells of a condensed model */
     /* what steps read, laid out for them: strain maps (blocks, mapped, 9, LANES), of each block weights, mu and lambda
-     * (3, LANES), a number of the file for each of its points, and the skip transposed */
+     * (3, LANES), a number of the file for each of its points, and the skip and mode_rows transposed */
     int blocks;
     double *packed;
-    const double *block_maps, *block_points, *skip_transposed;
+    const double *block_maps, *block_points, *skip_transposed, *mode_columns;
     /* of a condensed model: bounds of the mass that hangs on each anchor, and of how far dead load and weight move it */
     double *anchor_mass, sag_reach[4];
     double *compliance; /* of the anchors, (3a, 3a), whole */
@@ -661,7 +662,8 @@ static const void *next_array(walk *w, uint64_t count, size_t each)
 static void find_arrays(ldsim_model *M, walk *w)
 {
     const counts *n = &M->n;
-    const uint64_t v = n->vertices, r = n->r, m = n->features, c = n->points, l = 12 * (uint64_t)n->supports;
+    const uint64_t v = n->vertices, r = n->r, own = n->features, c = n->points, l = 12 * (uint64_t)n->supports;
+    const uint64_t m = own + n->modes;
     const uint64_t condensed = n->condensed != 0, a = 3 * (uint64_t)n->anchors;
     M->rest = next_array(w, 3 * v, 8);
     for (uint32_t i = 0; i < n->layers; i++) {
@@ -671,18 +673,20 @@ static void find_arrays(ldsim_model *M, walk *w)
         M->layer[i].biases = next_array(w, n->width[i], 8);
     }
     M->at_zero = next_array(w, n->layers ? n->width[n->layers - 1] : 0, 8);
-    M->skip = next_array(w, n->skip ? r * m : 0, 8);
+    M->skip = next_array(w, n->skip ? r * own : 0, 8);
     M->maps = next_array(w, n->mapped * 9 * c, 8);
     M->weights = next_array(w, c, 8);
     M->mu = next_array(w, c, 8);
     M->lambda = next_array(w, c, 8);
-    M->inertia = next_array(w, n->full_inertia ? m * m : m, 8);
+    M->inertia = next_array(w, n->full_inertia ? own * own : own, 8);
     M->load = next_array(w, m, 8);
     M->unit_weight = next_array(w, 3 * m, 8);
     M->lifting = next_array(w, 3 * v * l, 8);
     M->lifted_strain = next_array(w, 9 * c * l, 8);
     M->lifted_inertia = next_array(w, m * l, 8);
     M->landmarks = next_array(w, n->landmarks * r, 8);
+    M->mode_rows = next_array(w, n->modes * own, 8);
+    M->squares = next_array(w, n->modes, 8);
     M->sag = next_array(w, condensed * 12 * v, 8);
     M->vertex_mass = next_array(w, condensed * v, 8);
     M->share = next_array(w, v * n->nearest, 8);
@@ -722,6 +726,7 @@ static int counts_fit(const ldsim_model *M)
     fine &= n->condensed ? n->anchors >= 1 && n->anchors < 1u << 13 && n->nearest >= 1 && n->nearest < 1u << 6 && !n->supports
                          : !n->anchors && !n->nearest;
     fine &= n->condensed ? n->cells >= 1 && n->cells < 1u << 27 && n->corners >= 2 && n->corners <= 8 : !n->cells && !n->corners;
+    fine &= n->modes < 1u << 13 && (!n->modes || (n->condensed && n->layers));
     return fine;
 }
 
@@ -762,7 +767,7 @@ static int check_model(ldsim_model *M)
         return LDSIM_NOT_FINITE;
     const double positive[] = {x->time_step, x->tolerance, x->mass, x->diagonal, x->stiffness, x->radius};
     if (!all_positive(positive, 6) || (n->landmarks && !(x->reach > 0.0)) || x->threshold < 0.0) return LDSIM_BAD_VALUE;
-    if (!all_positive(M->weights, n->points) || !all_positive(M->mu, n->points)) return LDSIM_BAD_VALUE;
+    if (!all_positive(M->weights, n->points) || !all_positive(M->mu, n->points) || !all_positive(M->squares, n->modes)) return LDSIM_BAD_VALUE;
     if (!all_below(M->triangles, 3 * (uint64_t)n->triangles, n->vertices) || !all_below(M->movable, n->vertices, 2) ||
         !all_below(M->kind, n->points, MATERIALS) ||
         !all_below(M->near, (uint64_t)n->vertices * n->nearest, n->anchors) ||
@@ -838,7 +843,7 @@ static void unfold_compliance(ldsim_model *M)
 /* Whether there was memory for it. */
 static int pack(ldsim_model *M)
 {
-    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->m : 0) + M->anchors + 9 * (size_t)M->anchors * M->anchors;
+    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->own : 0) + (size_t)M->modes * M->own + M->anchors + 9 * (size_t)M->anchors * M->anchors;
     M->blocks = 0;
     for (int start = 0; start < M->points; start = block_end(M, start)) M->blocks++;
     const size_t maps = (size_t)M->n.mapped * BLOCK;
@@ -864,7 +869,8 @@ static int pack(ldsim_model *M)
         l->used = at, at += (size_t)l->rows * used;
         l->transposed = transposed(l->used, l->rows, used, at), at += (size_t)l->rows * used;
     }
-    if (M->n.skip) M->skip_transposed = transposed(M->skip, M->r, M->m, at), at += (size_t)M->r * M->m;
+    if (M->n.skip) M->skip_transposed = transposed(M->skip, M->r, M->own, at), at += (size_t)M->r * M->own;
+    M->mode_columns = transposed(M->mode_rows, M->modes, M->own, at), at += (size_t)M->modes * M->own;
     M->anchor_mass = at, M->compliance = at + M->anchors;
     if (M->anchors) bound_residual(M), unfold_compliance(M);
     return 1;
@@ -903,8 +909,8 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
     find_arrays(M, &w);
     M->fingerprint = sums[0] ^ (sums[1] << 1);
     M->wide = ((int)M->n.r + 3) / 4 * 4;
-    M->r = (int)M->n.r, M->m = (int)M->n.features, M->points = (int)M->n.points, M->moved = 12 * (int)M->n.supports;
-    M->anchors = (int)M->n.anchors;
+    M->r = (int)M->n.r, M->own = (int)M->n.features, M->modes = (int)M->n.modes, M->points = (int)M->n.points, M->moved = 12 * (int)M->n.supports;
+    M->m = M->own + M->modes, M->anchors = (int)M->n.anchors;
     for (uint32_t i = 0; i < M->n.layers; i++) M->hidden += (int)M->n.width[i], M->width = (int)M->n.width[i];
     int code = sums[0] != told[1] || sums[1] != told[2] ? LDSIM_DAMAGED : check_model(M);
     if (code == LDSIM_OK && !pack(M)) code = LDSIM_NO_MEMORY;
@@ -944,7 +950,7 @@ void ldsim_describe(const ldsim_model *M, ldsim_info *info)
 {
     const counts *n = &M->n;
     const numbers *x = &M->given;
-    const ldsim_info found = {n->vertices,  n->triangles,      n->r,         n->features,
+    const ldsim_info found = {n->vertices,  n->triangles,      n->r,         (uint32_t)M->m,
                               n->points,    n->supports,       n->condensed != 0, x->time_step,
                               {x->gravity[0], x->gravity[1], x->gravity[2]}, x->diagonal, x->stiffness, x->radius};
     *info = found;
@@ -1042,15 +1048,21 @@ static void decode(const ldsim_model *M, const double *z, double *hidden, double
     }
     for (int j = 0; j < M->width; j++) f[j] = x[j] - M->at_zero[j];
     zero(f + M->width, M->m - M->width);
-    if (M->n.skip) add_transposed(M->skip, z, f, M->r, M->m);
+    if (M->n.skip) add_transposed(M->skip, z, f, M->r, M->own);
+    if (M->modes) add_transposed(M->mode_columns, f, f + M->own, M->own, M->modes);
 }
 
-/* gradient = J' v at the z that was decoded last; scratch is as long as hidden, twice. */
+/* gradient = J' v at the z that was decoded last; scratch is as long as hidden, twice, and where modes swing as `own`. */
 static void decode_vjp(const ldsim_model *M, const double *hidden, const double *v, double *scratch, double *gradient)
 {
     if (M->n.layers == 0) {
         copy(gradient, v, M->r);
         return;
+    }
+    if (M->modes) { /* what pulls a mode pulls the features that it follows */
+        copy(scratch, v, M->own);
+        add_transposed(M->mode_rows, v + M->own, scratch, M->modes, M->own);
+        v = scratch, scratch += M->own;
     }
     const double *y = hidden + M->hidden, *incoming = v;
     for (uint32_t i = M->n.layers; i-- > 0;) {
@@ -1066,7 +1078,7 @@ static void decode_vjp(const ldsim_model *M, const double *hidden, const double 
         incoming = out;
         if (i) scratch += l->rows;
     }
-    if (M->n.skip) add_transposed(M->skip_transposed, v, gradient, M->m, M->r);
+    if (M->n.skip) add_transposed(M->skip_transposed, v, gradient, M->own, M->r);
 }
 
 static void widen(const double *from, double *to, int rows, int columns, int wide)
@@ -1101,8 +1113,9 @@ static void decode_jacobian(const ldsim_model *M, const double *hidden, double *
         }
         x = out, scratch += last ? 0 : (size_t)l->columns * wide, y += l->columns;
     }
-    for (int j = 0; M->n.skip && j < M->m; j++)
+    for (int j = 0; M->n.skip && j < M->own; j++)
         for (int a = 0; a < M->r; a++) jacobian[(size_t)j * wide + a] += M->skip_transposed[(size_t)j * M->r + a];
+    if (M->modes) add_gram(M->mode_columns, M->modes, jacobian, jacobian + (size_t)M->own * wide, M->own, M->modes, wide, 0);
 }
 
 /* ---- A solid ------------------------------------------------------------------------------------------------------- */
@@ -1150,6 +1163,9 @@ struct ldsim_solid {
     /* what a step reads: g springs in the order in which they were taken */
     int g, order[LDSIM_MAX_GRABS];
     double *B, *centre, *target, *stiffness, *root;
+    /* where modes swing: how far each follows the decoder within a step and gives way to a force, and where it goes without
+     * grabs, less what follows (modes,); and the root of what grabs meet within a step */
+    double *follows, *gives, *swung, *swinging;
     double *weight, weighed[3]; /* load and weight under a gravity, (m,), and which */
     double *force, *lifted; /* load and weight, (m,); strain of moved pins, (blocks, 9, LANES) */
     /* scratch memory */
@@ -1224,14 +1240,17 @@ static double add_elastic(ldsim_solid *S, const double *f)
     return total;
 }
 
-/* momentum (m,) = I x. */
-static void multiply_inertia(const ldsim_model *M, const double *x, double *momentum)
+/* momentum (m,) = I x, of modes the share that they follow. */
+static void multiply_inertia(const ldsim_solid *S, const double *x, double *momentum)
 {
+    const ldsim_model *M = S->model;
+    const double rate = 1.0 / (M->given.time_step * M->given.time_step);
+    for (int j = 0; j < M->modes; j++) momentum[M->own + j] = rate * S->follows[j] * x[M->own + j];
     if (M->n.full_inertia) { /* which is symmetric, and sums down its columns need not be added up in the end */
-        zero(momentum, M->m);
-        add_transposed(M->inertia, x, momentum, M->m, M->m);
+        zero(momentum, M->own);
+        add_transposed(M->inertia, x, momentum, M->own, M->own);
     } else /* a basis orthonormal in the mass has a diagonal inertia, which saves m^2 products */
-        for (int j = 0; j < M->m; j++) momentum[j] = M->inertia[j] * x[j];
+        for (int j = 0; j < M->own; j++) momentum[j] = M->inertia[j] * x[j];
 }
 
 /* E(z) in J and its gradient in N; f(z) is left in f. An infinite value is only backed away from: it has no gradient. */
@@ -1241,7 +1260,7 @@ static double value_gradient(ldsim_solid *S, const double *z, double *f, double 
     const int m = M->m;
     decode(M, z, S->hidden, f);
     for (int j = 0; j < m; j++) S->offset[j] = f[j] - S->predictor[j];
-    multiply_inertia(M, S->offset, S->pull);
+    multiply_inertia(S, S->offset, S->pull);
     double value = 0.5 * dot(S->offset, S->pull, m) - dot(S->force, f, m);
     for (int j = 0; j < m; j++) S->pull[j] -= S->force[j];
     for (int i = 0; i < 3 * S->g; i++) {
@@ -1314,10 +1333,14 @@ static void tangent_at(ldsim_solid *S, const double *z, double *f)
     decode(M, z, S->hidden, f);
     decode_jacobian(M, S->hidden, S->tangents, J);
     zero(product, (size_t)m * wide), zero(H, (size_t)r * wide);
-    if (M->n.full_inertia) add_gram(M->inertia, m, J, product, m, m, wide, 0);
+    const int own = M->own;
+    const double rate = 1.0 / (M->given.time_step * M->given.time_step);
+    if (M->n.full_inertia) add_gram(M->inertia, own, J, product, own, own, wide, 0);
     else
-        for (int j = 0; j < m; j++)
+        for (int j = 0; j < own; j++)
             for (int a = 0; a < wide; a++) product[(size_t)j * wide + a] = M->inertia[j] * J[(size_t)j * wide + a];
+    for (int j = own; j < m; j++)
+        for (int a = 0; a < wide; a++) product[(size_t)j * wide + a] = rate * S->follows[j - own] * J[(size_t)j * wide + a];
     add_gram(product, wide, J, H, m, r, wide, 1);
     for (int block = 0; block < M->blocks; block++) add_block_tangent(S, block, f);
     for (int i = 0; i < 3 * S->g; i++) {
@@ -1794,20 +1817,42 @@ static void aim_springs(ldsim_solid *S, const double *f)
         S->target[i] = g->target[i % 3];
     }
     if (!condensed) return;
+    const double *root = M->modes ? S->swinging : S->root;
     find_pulls_and_dents(S, f, pulls, dents);
     centroids(S, f, centre);
     for (int i = 0; i < S->g; i++)
         add_lever(S->grabs + S->order[i], f, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
     for (int i = 0; i < rows; i++) {
+        double *swinging = B + (size_t)i * m + M->own;
+        centre[i] += dot(swinging, S->swung, M->modes);
+        for (int j = 0; j < M->modes; j++) swinging[j] *= S->follows[j];
+    }
+    for (int i = 0; i < rows; i++) {
         S->target[i] = S->centre[i] = 0.0;
         zero(S->B + (size_t)i * m, m);
         for (int j = i; j < rows; j++) {
-            const double share = S->root[j * rows + i];
+            const double share = root[j * rows + i];
             S->target[i] += share * S->grabs[S->order[j / 3]].target[j % 3];
             S->centre[i] += share * centre[j];
             for (int e = 0; e < m; e++) S->B[(size_t)i * m + e] += share * B[(size_t)j * m + e];
         }
     }
+}
+
+/* Within a step modes give way to grabs too, as far as their mass lets them. */
+static void soften_by_modes(ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    const int rows = 3 * S->g;
+    copy(S->joint, S->swinging, (size_t)rows * rows);
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < rows; j++) {
+            const double *here = S->grabs[S->order[i / 3]].B + (i % 3) * M->m + M->own;
+            const double *there = S->grabs[S->order[j / 3]].B + (j % 3) * M->m + M->own;
+            for (int e = 0; e < M->modes; e++) S->joint[i * rows + j] += here[e] * S->gives[e] * there[e];
+        }
+    invert(S->joint, S->swinging, rows);
+    cholesky(S->swinging, rows);
 }
 
 /* Brings all of the springs that does not depend on targets to where the features are f: which there are, and of a condensed
@@ -1828,8 +1873,10 @@ static void make_springs(ldsim_solid *S, const double *f)
                 for (int e = 0; e < 9; e++)
                     S->joint[(3 * i + e / 3) * rows + 3 * j + e % 3] = block[e] / S->scale + (e % 4 == 0) * soft;
             }
+        copy(S->swinging, S->joint, M->modes ? (size_t)rows * rows : 0);
         invert(S->joint, S->root, rows);
         cholesky(S->root, rows);
+        if (M->modes) soften_by_modes(S);
     }
     S->renewed_springs = 1;
 }
@@ -1976,11 +2023,23 @@ int ldsim_set_gravity(ldsim_solid *S, const double gravity[3])
     return LDSIM_OK;
 }
 
+/* Of modes w, in a step of length h: g = 1 / (w^2 + 1/h^2) and a = w^2 g. */
+static void scale_by(ldsim_solid *S, double scale)
+{
+    const double h = S->model->given.time_step;
+    S->scale = scale;
+    for (int j = 0; j < S->model->modes; j++) {
+        const double square = scale * S->model->squares[j];
+        S->gives[j] = 1.0 / (square + 1.0 / (h * h));
+        S->follows[j] = square * S->gives[j];
+    }
+}
+
 int ldsim_set_stiffness(ldsim_solid *S, double scale)
 {
     if (!(scale > 0.0) || !finite_number(scale)) return LDSIM_BAD_ARGUMENT;
     if (scale != S->scale) S->now.usable = S->renewed_springs = 0;
-    S->scale = scale;
+    scale_by(S, scale);
     return LDSIM_OK;
 }
 
@@ -2002,8 +2061,10 @@ static int within(const ldsim_model *M, double norm) { return norm <= BOUND * M-
 /* The mass-weighted norm of the displacement by features alone. */
 static double features_norm(ldsim_solid *S, const moment *at)
 {
-    multiply_inertia(S->model, at->f, S->pull);
-    return S->model->given.time_step * sqrt(dot(at->f, S->pull, S->model->m));
+    const ldsim_model *M = S->model;
+    const double h = M->given.time_step, *modes = at->f + M->own;
+    multiply_inertia(S, at->f, S->pull);
+    return sqrt(h * h * dot(at->f, S->pull, M->own) + dot(modes, modes, M->modes));
 }
 
 /* Of a condensed model, what moves beside the coordinates counts too: by a bound, and vertex by vertex where that is not
@@ -2067,18 +2128,39 @@ static void extrapolate(int r, const moment *from, moment *to)
     }
 }
 
+/* Modes at the end of a step, from what was decoded: what follows it, their own motion, and what grabs pull them by. */
+static void swing_on(ldsim_solid *S, double *f)
+{
+    const ldsim_model *M = S->model;
+    const int m = M->m, rows = 3 * S->g;
+    double stretch[3 * LDSIM_MAX_GRABS], *modes = f + M->own;
+    for (int i = 0; i < rows; i++) stretch[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, f, m);
+    for (int j = 0; j < M->modes; j++) modes[j] = S->follows[j] * modes[j] + S->swung[j];
+    for (int i = 0; i < rows; i++) {
+        const double *B = S->grabs[S->order[i / 3]].B + (i % 3) * m + M->own;
+        double force = 0.0;
+        for (int j = 0; j <= i; j++) force += S->swinging[i * rows + j] * stretch[j];
+        for (int j = 0; j < M->modes; j++) modes[j] += S->gives[j] * force * B[j];
+    }
+}
+
 /* One step of implicit Euler from one moment to another. */
 static solution try_step(ldsim_solid *S, const moment *from, moment *to)
 {
     const ldsim_model *M = S->model;
     const int r = M->r, m = M->m, l = M->moved;
-    if (!S->renewed_springs) make_springs(S, from->f);
-    aim_springs(S, from->f);
     if (memcmp(S->weighed, S->gravity, sizeof S->weighed) != 0) {
         copy(S->weight, M->load, m), copy(S->weighed, S->gravity, 3);
         add_product(M->unit_weight, S->gravity, S->weight, m, 3);
     }
     copy(S->force, S->weight, m);
+    for (int j = 0; j < m; j++) S->predictor[j] = 2.0 * from->f[j] - from->f_before[j];
+    for (int j = 0; j < M->modes; j++) {
+        S->force[M->own + j] *= S->follows[j];
+        S->swung[j] = (1.0 - S->follows[j]) * S->predictor[M->own + j] + S->gives[j] * S->weight[M->own + j];
+    }
+    if (!S->renewed_springs) make_springs(S, from->f);
+    aim_springs(S, from->f);
     if (l) {
         double *change = S->scratch;
         for (int j = 0; j < l; j++) change[j] = -(S->pins[j] - 2.0 * from->a[j] + from->a_before[j]);
@@ -2089,13 +2171,13 @@ static solution try_step(ldsim_solid *S, const moment *from, moment *to)
             S->centre[i] = g->centre[i % 3] + dot(g->lifted + (i % 3) * l, S->pins, l);
         }
     }
-    for (int j = 0; j < m; j++) S->predictor[j] = 2.0 * from->f[j] - from->f_before[j];
     uint32_t held[LDSIM_MAX_GRABS] = {0};
     for (int i = 0; i < S->g; i++) held[i] = S->grabs[S->order[i]].id;
     const int renew = !from->usable || from->excess > RENEWAL_COST, others = memcmp(held, from->held, sizeof held) != 0;
     copy(to->z, from->z, r);
     copy(to->H, from->H, (size_t)r * r);
     const solution found = minimise(S, from, to->z, to->f, to->H, renew, others);
+    if (M->modes) swing_on(S, to->f);
     copy(to->z_before, from->z, r);
     extrapolate(r, from, to);
     copy(to->f_before, from->f, m);
@@ -2200,7 +2282,7 @@ static size_t lay_out(ldsim_solid *S, double *block)
 {
     const ldsim_model *M = S->model;
     const size_t r = M->r, m = M->m, wide = M->wide, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
-    const size_t a = M->anchors, work = 2 * (size_t)M->hidden + l;
+    const size_t a = M->anchors, w = M->modes, work = 2 * (size_t)M->hidden + l + (w ? M->own : 0);
     size_t total = 0;
     double **at = &block;
     moment *moments[] = {&S->now, &S->first, &S->second, &S->start};
@@ -2220,6 +2302,8 @@ static size_t lay_out(ldsim_solid *S, double *block)
     S->joint = cut(at, &total, rows * rows), S->inverse = cut(at, &total, rows * m);
     S->force = cut(at, &total, m), S->lifted = cut(at, &total, l ? BLOCK * (size_t)M->blocks : 0);
     S->weight = cut(at, &total, m);
+    S->follows = cut(at, &total, w), S->gives = cut(at, &total, w), S->swung = cut(at, &total, w);
+    S->swinging = cut(at, &total, w ? rows * rows : 0);
     S->hidden = cut(at, &total, M->hidden), S->scratch = cut(at, &total, work);
     S->predictor = cut(at, &total, m), S->offset = cut(at, &total, m), S->pull = cut(at, &total, m);
     S->product = cut(at, &total, m * wide), S->lanes = cut(at, &total, LANES * (size_t)M->n.mapped);
@@ -2244,7 +2328,8 @@ int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid)
     if (!*solid) return LDSIM_NO_MEMORY;
     **solid = shape;
     lay_out(*solid, (double *)(void *)((unsigned char *)*solid + head));
-    (*solid)->next_id = 1, (*solid)->scale = 1.0;
+    (*solid)->next_id = 1;
+    scale_by(*solid, 1.0);
     copy((*solid)->gravity, model->given.gravity, 3);
     (*solid)->weighed[0] = (double)NAN; /* nothing was weighed yet */
     ldsim_reset(*solid);
@@ -2407,7 +2492,7 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
     take(S, &S->start);
     copy(S->pins, S->scratch, M->moved);
     copy(S->gravity, head.gravity, 3);
-    S->scale = head.scale, S->renewed_springs = 0;
+    scale_by(S, head.scale), S->renewed_springs = 0;
     if (head.next_id > S->next_id) S->next_id = head.next_id;
     /* A grab that is held already is kept, for its field costs solves. */
     const unsigned char *lists = (const unsigned char *)state + sizeof head + (S->moment_size + M->moved) * sizeof(double);

@@ -25,7 +25,7 @@
 extern "C" {
 #endif
 
-#define LDSIM_FILE_VERSION 2u
+#define LDSIM_FILE_VERSION 3u
 #define LDSIM_MAX_GRABS 32
 
 typedef struct ldsim_model ldsim_model;

@@ -30,7 +30,7 @@ from ldsim.space.space import Space
 
 # In the order of ldsim.c; another one is refused by its name.
 KNOWN = ("neo_hookean", "stable_neo_hookean", "st_venant_kirchhoff", "fixed_corotated", "linear")
-MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 2, 256
+MAGIC, VERSION, HEADER = b"LDSIM\r\n\x1a", 3, 256
 MAX_LAYERS = 8
 Arrays = dict[str, NDArray[Any]]
 
@@ -111,6 +111,8 @@ def pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
         "unit_weight": _f8(np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)),
         **_moving_pins(pins, scene, space),
         "landmarks": _f8(np.empty(0) if novelty is None else novelty.landmarks),
+        "mode_rows": np.empty(0),
+        "squares": _f8(space.squares),
         **_residual(space.compliance, scene),
         "basis": basis.matrix.astype("<f4" if single else "<f8"),
         "anchored": _lower(anchors).astype("<f4" if single else "<f8"),
@@ -125,7 +127,10 @@ def pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
         raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
     if folded := _is_folded(space, compiled):
         widths, arrays = widths[:-1], _folded(space, arrays)
-    counts = [scene.mesh.n_vertices, len(triangles), space.r, len(arrays["load"])]
+    elif modes := len(space.squares):
+        arrays |= _of_features(np.eye(space.decoder.k), arrays, modes)
+    modes = len(space.squares)
+    counts = [scene.mesh.n_vertices, len(triangles), space.r, len(arrays["load"]) - modes]
     counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), int(folded)]
     counts += [
         int(layers.skip.size > 0),
@@ -137,7 +142,7 @@ def pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     if anchors is not None:
         held = (len(anchors.matrix) // 3, anchors.near.shape[1], *scene.mesh.cells.shape)
     counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed), *held]
-    counts += [4 if single else 8, options.max_iterations]
+    counts += [4 if single else 8, options.max_iterations, modes]
     stiffness, radius = usual_grip(scene)
     reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
     numbers = [
@@ -181,18 +186,29 @@ def _folded(space: Space, arrays: Arrays) -> Arrays:
     W, skip, hidden = decoder.weights[last], decoder.skip, np.empty(decoder.hidden_size)
     decode(decoder.layers, np.zeros(decoder.r), hidden, np.empty(decoder.k))
     P = W.T if skip is None else np.concatenate([W.T, skip.T], axis=1)
-    inertia, basis = arrays["inertia"], arrays["basis"]
-    folded: Arrays = {
+    folded = _of_features(P, arrays, len(space.squares))
+    folded |= {
         "at_zero": _f8(hidden[-len(W) :]),
         "skip": _f8(np.empty(0) if skip is None else np.eye(decoder.r, P.shape[1], len(W))),
         "maps": _f8(np.einsum("jec,jf->fec", arrays["maps"], P[: len(arrays["maps"])])),
-        "inertia": _f8(P.T @ (inertia @ P if inertia.ndim > 1 else inertia[:, None] * P)),
-        "basis": (basis @ P).astype(basis.dtype),
     }
-    for name in ("load", "unit_weight", "lifted_inertia"):
-        folded[name] = _f8(P.T @ arrays[name]) if arrays[name].size else arrays[name]
     gone = (f"weights_{last}", f"biases_{last}")
     return {name: folded.get(name, array) for name, array in arrays.items() if name not in gone}
+
+
+def _of_features(P: Array, arrays: Arrays, modes: int) -> Arrays:
+    """What is linear in q = P f, for features f and behind them the last coordinates themselves, which are modes."""
+    own = len(P) - modes
+    Q, inertia, basis = P[:own], arrays["inertia"], arrays["basis"]
+    found: Arrays = {
+        "inertia": _f8(Q.T @ (inertia[:own, :own] @ Q if inertia.ndim > 1 else inertia[:own, None] * Q)),
+        "basis": np.concatenate([basis[:, :own] @ Q, basis[:, own:]], axis=1).astype(basis.dtype),
+        "mode_rows": _f8(P[own:]),
+    }
+    for name in ("load", "unit_weight", "lifted_inertia"):
+        values = arrays[name]
+        found[name] = _f8(np.concatenate([Q.T @ values[:own], values[own:]])) if values.size else values
+    return found
 
 
 def _reduced(compiled: Reduced) -> Arrays:

@@ -104,7 +104,7 @@ def mixed(decoder: Decoder | None = None) -> Space:
     return reduced_space(solid, U, curved() if decoder is None else decoder, thinned(solid))
 
 
-def condensed(material: str = "neo_hookean", modes: int = 0) -> Space:
+def condensed(material: str = "neo_hookean", modes: int = 0, width: int = 8) -> Space:
     """z, functions of it that virtual points see, and slaved coordinates that they do not, of which some may swing."""
     solid = body(material, resolution=2)  # so large that its factor has several supernodes
     U, squares = smooth_basis(solid, R + 2), np.empty(0)
@@ -115,9 +115,9 @@ def condensed(material: str = "neo_hookean", modes: int = 0) -> Space:
     columns = np.concatenate([U[:, :R], np.zeros((len(U), 3)), U[:, R:]], axis=1)
     basis = Basis.of(columns, solid.mass)
     rng, k = np.random.default_rng(4), R + 5 + modes
-    layers = [rng.normal(size=(R, 8)), rng.normal(size=(8, k)) * 0.02]
+    layers = [rng.normal(size=(R, width)), rng.normal(size=(width, k)) * 0.02]
     layers[1][:, :R] = 0.0
-    decoder = Decoder.network(layers, [rng.normal(size=8), np.zeros(k)], "tanh", np.eye(R, k))
+    decoder = Decoder.network(layers, [rng.normal(size=width), np.zeros(k)], "tanh", np.eye(R, k))
     points = np.arange(0, solid.points.n_points, 11)
     maps, weights = np.zeros((len(points), 9, k)), 11 * solid.points.weights[points]
     stiff = CubatureRule(points, weights, 0.0).strain_maps(solid, columns)
@@ -128,9 +128,9 @@ def condensed(material: str = "neo_hookean", modes: int = 0) -> Space:
     return Space.condensed(solid, basis, (decoder, IDENTITY), rule, squares)
 
 
-def with_linear_dents(material: str) -> Space:
+def with_linear_dents(material: str = "neo_hookean", modes: int = 0) -> Space:
     """A condensed space whose compliance is kept at anchors, as many as free vertices, as the C library has it."""
-    space = condensed(material)
+    space = condensed(material, modes)
     assert space.compliance is not None
     return replace(space, compliance=space.compliance.anchored())
 
@@ -155,7 +155,11 @@ def with_moving_pins(decoder: Decoder | None = None) -> Space:
 SPACES: dict[str, Callable[[], Space]] = {f"latent {name}": partial(latent, name) for name in MATERIALS}
 SPACES |= {f"linear {name}": partial(linear, name) for name in MATERIALS}
 SPACES |= {f"condensed {name}": partial(with_linear_dents, name) for name in MATERIALS}
-SPACES |= {"condensed at few anchors": lambda: anchored(condensed())}
+SPACES |= {
+    "condensed at few anchors": lambda: anchored(condensed()),
+    "condensed, modes that swing": lambda: with_linear_dents(modes=4),
+    "condensed, modes that swing, a narrow layer": lambda: anchored(condensed(modes=9, width=1)),
+}
 SPACES |= {f"latent {name}": partial(latent, decoder=curved(name)) for name in ACTIVATIONS}
 SPACES |= {
     "latent without skip": lambda: latent(decoder=curved(skip=False)),
