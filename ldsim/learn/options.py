@@ -41,6 +41,13 @@ class CondensedOptions(Options):
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
     columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
     steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
+    modes: Annotated[
+        int,
+        Field(
+            ge=0,
+            description="Slowest modes beside z that may swing; they do if the validation motions are then nearer.",
+        ),
+    ] = 48
 
 
 class TrainOptions(Options):

@@ -20,6 +20,7 @@ from ldsim.mechanics.random_pulls import covering_pulls
 from ldsim.pipeline.coordinates import combined, needed_coordinates
 from ldsim.pipeline.progress import Progress
 from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, energy_root, farthest_points, relaxed_pieces
+from ldsim.pipeline.swing import better_swinging
 from ldsim.run import Run
 from ldsim.space.basis import Basis, is_identity
 from ldsim.space.decoder import Decoder
@@ -57,7 +58,9 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     for number in range(options.condensed.rounds):
         work.explore(number)
     work.tell_lost()
-    return _stored(run, *work.fit(options.condensed.rounds + 1, options.condensed.steps), z)
+    found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps)
+    space = Space.condensed(run.scene, basis, (found.decoder, found.encoder), found.potential)
+    return _stored(run, better_swinging(run, space, work.relaxation, options.condensed.modes, progress), found.loss, z)
 
 
 class _Work:
@@ -217,20 +220,21 @@ def _columns(coordinates: Basis, decoder: Decoder, slaved: Basis) -> Basis:
     return Basis.of(columns, coordinates.metric)
 
 
-def _stored(run: Run, found: Condensed, basis: Basis, z: Array) -> StoredModel:
-    r = found.decoder.r
-    networks = found.encoder, found.decoder
+def _stored(run: Run, space: Space, loss: Array, z: Array) -> StoredModel:
+    r, basis = space.r, space.reduced_basis
+    networks = space.encoder, space.decoder
     errors = np.array([reconstruction_error(run.chunks(role), basis, *networks) for role in ("train", "validation")])
     return StoredModel(
-        decoder=found.decoder,
-        encoder=found.encoder,
-        loss=found.loss,
+        decoder=space.decoder,
+        encoder=space.encoder,
+        loss=loss,
         search=np.array([[r, *(1e3 * errors[0])]]),
         errors=errors,
         # by reconstruction a few columns would match, but none of them moves as freely: the rival is the whole basis
         kp=run.basis.k,
-        best_epoch=len(found.loss) - 1,
+        best_epoch=len(loss) - 1,
         novelty=fit_novelty(Decoder.identity(r), IDENTITY, z, np.empty((0, r))),
         columns=basis.matrix,
-        potential=found.potential,
+        potential=space.rule,
+        squares=space.squares if len(space.squares) else None,
     )

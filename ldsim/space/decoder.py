@@ -243,6 +243,14 @@ class Decoder:
         decode(layers, np.zeros(sizes[0]), np.empty(int(sizes[1:-1].sum())), rest)
         return cls(Layers(sizes, flat, offsets, rest, matrix, ACTIVATIONS[activation]))
 
+    def times(self, matrix: Array) -> Decoder:
+        """The network of φ(z) times a matrix, (k, j)."""
+        *hidden, last = self.weights
+        *offsets, offset = self.biases
+        activation = next(name for name, number in ACTIVATIONS.items() if number == self.layers.activation)
+        skip = None if self.skip is None else self.skip @ matrix
+        return Decoder.network([*hidden, last @ matrix], [*offsets, offset @ matrix], activation, skip)
+
     @property
     def r(self) -> int:
         return int(self.layers.sizes[0])

@@ -129,7 +129,9 @@ class Space:
     @property
     def squares(self) -> Array:
         """ω² of the modes that swing beside the coordinates, the last columns of the basis, (m,) 1/s²; mostly none."""
-        return np.empty(0) if self.compliance is None or self.compliance.modes is None else self.compliance.modes.squares
+        return (
+            np.empty(0) if self.compliance is None or self.compliance.modes is None else self.compliance.modes.squares
+        )
 
     @property
     def r(self) -> int:

@@ -24,8 +24,8 @@ from ldsim.space.basis import Basis, inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
-from ldsim.space.novelty import Novelty
 from ldsim.space.modes import slowest_modes
+from ldsim.space.novelty import Novelty
 from ldsim.space.pca import orthonormal_rows, orthonormalised
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space

@@ -45,7 +45,12 @@ def test_kept_at_few_anchors_it_is_symmetric_positive_and_off_by_what_it_says(re
     for anchors in (few, more):
         np.testing.assert_array_equal(anchors.matrix, anchors.matrix.T)
         assert np.linalg.eigvalsh(anchors.matrix).min() > -1e-9 * np.abs(anchors.matrix).max()
-    assert 0 < more.error(relaxation.scene, relaxation.residual)[0] < few.error(relaxation.scene, relaxation.residual)[0] < 0.5
+    assert (
+        0
+        < more.error(relaxation.scene, relaxation.residual)[0]
+        < few.error(relaxation.scene, relaxation.residual)[0]
+        < 0.5
+    )
     solid = relaxation.scene
     x, radius = solid.mesh.vertices, usual_grip(solid)[1]
     held = np.flatnonzero(np.linalg.norm(x - x[x[:, 0].argmax()], axis=1) <= radius)

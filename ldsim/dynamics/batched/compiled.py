@@ -36,8 +36,8 @@ class Acting(NamedTuple):
     """`BatchedLoads` in numbers, as the compiled steps read it.
 
     B (n, g, 3, k), centre and target (n, g, 3), stiffness (n, g): the grabs. mu, lam (n,): factors of the moduli. force
-    (n, k): on q, N. lifted (n, c, 9): what pins add at every point, or (n, 0, 9) where none can move. follows (n, m): a of
-    modes that swing.
+    (n, k): on q, N. lifted (n, c, 9): what pins add at every point, or (n, 0, 9) where none can move. follows (n, m):
+    a of modes that swing.
     """
 
     B: Array

@@ -258,7 +258,9 @@ class ReducedStepper:
         model = own._replace(lifted=lifted, **{name: getattr(own, name).copy() for name in names})
         springs = Springs(np.zeros((grabs, 3, k)), np.zeros((grabs, 3)), np.zeros((grabs, 3)), np.zeros(grabs))
         work = make_work(self.space.decoder, len(own.weights))
-        return Unloaded(model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k, len(own.squares))))
+        return Unloaded(
+            model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k, len(own.squares)))
+        )
 
     def _base_force(self, gravity: Array | None, workspace: Workspace) -> Array:
         """Uᵀ f_ext under some gravity, (k,), written into this thread's model where it is not there yet."""
