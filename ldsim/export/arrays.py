@@ -42,6 +42,8 @@ def model_arrays(run: Run) -> Arrays:
         arrays |= {f"{name}/{key}": values for key, values in space_arrays(run.space(name)).items()}
     if run.model.columns is not None:  # a condensed space has a basis of its own
         arrays["latent/basis"] = run.model.columns
+    if run.model.squares is not None:
+        arrays["latent/squares"] = run.model.squares
     return arrays
 
 

@@ -42,11 +42,7 @@ class CondensedOptions(Options):
     columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
     steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
     modes: Annotated[
-        int,
-        Field(
-            ge=0,
-            description="Slowest modes beside z that may swing; they do if the validation motions are then nearer.",
-        ),
+        int, Field(ge=0, description="Slowest modes beside z; they swing if its motions are less off so.")
     ] = 48
 
 

@@ -19,32 +19,31 @@ from ldsim.space.pca import orthonormal_rows
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 
-# What is left of a column where modes span it but for rounding.
-NOTHING = 1e-9
+# Squared, what is left of columns where modes span them but for rounding.
+NOTHING = 1e-12
 
 
 def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, progress: Progress) -> Space:
     """A condensed space, or the same one with its slowest modes let swing, whichever is less off.
 
-    The validation motions say so, or the training motions where there are none. A solid that bends far turns its modes,
-    which swing as at rest: it may be better off without. Both have been fitted alike.
+    A solid that bends far turns its modes, which swing as at rest: it may be better off without. The motions of either
+    role say so, in the geometric mean, for none of them was fitted to: a condensed space learns from relaxed poses.
     """
     count = min(count, 3 * len(run.scene.free) - space.r - 2)
     if count < 1:
         return space
     other = swinging(space, slowest_modes(relaxation, count))
-    role = next(role for role in ("validation", "train") if run.snapshots.with_role(role))
-    without, errors = space, dict[Space, float]()
-    names = run.snapshots.with_role(role)
-    with progress.bar("train: swing", 2 * sum(map(run.snapshots.frames, names)), "frame") as bar:
-        for each in (without, other):
-            errors[each] = online_error(run, each, names, bar.update)
-    best = min(errors, key=lambda each: errors[each])
+    roles = {role: names for role in ("train", "validation") if (names := run.snapshots.with_role(role))}
+    frames = sum(run.snapshots.frames(name) for names in roles.values() for name in names)
+    with progress.bar("train: do modes swing", 2 * frames, "frame") as bar:
+        errors = [[online_error(run, each, names, bar.update) for names in roles.values()] for each in (space, other)]
+    best = other if math.prod(errors[1]) < math.prod(errors[0]) else space
     words = "swing" if best is other else "are kept from swinging"
-    progress.tell(
-        f"note: {count} modes beside the coordinates {words}: the {role} motions are "
-        f"{100 * errors[other]:.2g} % off where they swing, {100 * errors[without]:.2g} % where not"
+    off = ", ".join(
+        f"{100 * swung:.2g} % off on {role} motions where they swing, {100 * kept:.2g} % where not"
+        for role, kept, swung in zip(roles, *errors, strict=True)
     )
+    progress.tell(f"note: {count} modes beside the coordinates {words}: {off}")
     return best
 
 
@@ -68,15 +67,16 @@ def swinging(space: Space, modes: Modes) -> Space:
     basis, decoder, r, count = space.reduced_basis, space.decoder, space.r, len(modes.squares)
     U, first = basis.matrix, int(np.flatnonzero(basis.matrix.any(axis=0))[r])  # between them are features, zeros
     slaved = U[:, first:]
-    both = np.hstack([U[:, :r], modes.fields.reshape(len(U), count), slaved])
-    rows = np.roll(orthonormal_rows(both.T, basis.metric)[r:], -count, axis=0)
-    shares = Basis.of(np.ascontiguousarray(rows.T), basis.metric).project(slaved.T.reshape(-1, *basis.fields.shape[:2]))
-    used = np.linalg.norm(shares, axis=0) > NOTHING
-    used[-count:] = True
-    k = first + int(used.sum())
+    F = orthonormal_rows(np.hstack([U[:, :r], modes.fields.reshape(len(U), count)]).T, basis.metric)[r:].T
+    left = slaved - F @ (Basis.of(np.ascontiguousarray(F), basis.metric).dual.T @ slaved)
+    sizes, axes = np.linalg.eigh(left.T @ Basis.of(left, basis.metric).dual)
+    beside = left @ (axes / np.sqrt(np.maximum(sizes, NOTHING)))[:, sizes > NOTHING]
+    rows = orthonormal_rows(np.hstack([U[:, :r], F, beside]).T, basis.metric)[r:]
+    moved = Basis.of(np.ascontiguousarray(np.roll(rows, -count, axis=0).T), basis.metric)
+    k = first + moved.k
     change, columns = np.zeros((decoder.k, k)), np.zeros((len(U), k))
-    change[:first, :first], change[first:, first:] = np.eye(first), shares[:, used]
-    columns[:, :r], columns[:, first:] = U[:, :r], rows[used].T
+    change[:first, :first], change[first:, first:] = np.eye(first), (moved.dual.T @ slaved).T
+    columns[:, :r], columns[:, first:] = U[:, :r], moved.matrix
     maps, rule = np.zeros((len(space.rule.points), 9, k)), space.rule
     assert rule.maps is not None and not rule.maps[:, :, first:].any()
     maps[:, :, :first] = rule.maps[:, :, :first]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ldsim.errors import SolverError
 from ldsim.export.arrays import model_arrays
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.motion import Motion
-from ldsim.pipeline import condense, relaxed_poses
+from ldsim.pipeline import condense, relaxed_poses, swing
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.convergence import pull_errors
 from ldsim.pipeline.coordinates import combined, slowest
@@ -26,9 +27,20 @@ from ldsim.run import Run
 from ldsim.simulator import Simulator, load
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation, Relaxed
+from ldsim.space.space import Space
 from tests.cli.experiments import TINY, Experiment
 
-SMALL = {"poses": 24, "shell": 1, "rounds": 1, "explored": 6, "points": 8, "features": 4, "columns": 6, "steps": 300}
+SMALL = {
+    "poses": 24,
+    "shell": 1,
+    "rounds": 1,
+    "explored": 6,
+    "points": 8,
+    "features": 4,
+    "columns": 6,
+    "steps": 300,
+    "modes": 4,
+}
 CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidden": [12], "condensed": SMALL}}
 
 
@@ -91,7 +103,48 @@ def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experime
         np.testing.assert_allclose(
             space.basis.fields @ space.decoder.jacobian(np.zeros(3)), T, atol=1e-6 * abs(T).max()
         )
-        assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"]
+        assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"] + len(space.squares)
+
+
+@pytest.mark.parametrize("validation, better", [(0.015, True), (0.025, False), (np.inf, False)])
+def test_modes_swing_where_motions_of_both_roles_are_less_off_so_in_the_geometric_mean(
+    condensed: Experiment, validation: float, better: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged, told = list[list[str]](), list[str]()
+
+    def error(run: Run, space: Space, names: list[str], update: Callable[[], object]) -> float:
+        judged.append(list(names))
+        if not len(space.squares):
+            return 0.02
+        return validation if names == run.snapshots.with_role("validation") else 0.0225
+
+    with Run(condensed.run) as run:
+        model, basis = run.model, run.basis_of("latent")
+        assert model.potential is not None
+        space = Space.condensed(run.scene, basis, (model.decoder, model.encoder), model.potential)
+        monkeypatch.setattr(swing, "online_error", error)
+        monkeypatch.setattr(SILENT, "tell", told.append)
+        found = swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
+        assert judged == [run.snapshots.with_role(role) for role in ("train", "validation")] * 2
+    assert len(found.squares) == (4 if better else 0) and (found is space) != better
+    (line,) = told
+    assert line.startswith("note: 4 modes beside the coordinates " + ("swing" if better else "are kept"))
+    assert "2.2 % off on train motions where they swing, 2 % where not" in line
+
+
+def test_how_far_a_space_is_off_is_told_of_all_frames_together(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        space = replace(run.space("latent"), rule=run.model.potential)
+        names = [*run.snapshots.with_role("train"), *run.snapshots.with_role("validation")]
+        off = moved = 0.0
+        for name in names:
+            recorded = run.snapshots.recorded(name)
+            stepper, frames = ReducedStepper(space, run.reduced_options), run.snapshots.reader(name)
+            for frame in simulate(stepper, recorded.motion, held=recorded.held):
+                u = frames(frame.number, frame.number + 1)[0]
+                off += float(np.linalg.norm(stepper.displacement(frame.state) - u, axis=1).mean())
+                moved += float(np.linalg.norm(u, axis=1).mean())
+        assert swing.online_error(run, space, names, lambda: None) == pytest.approx(off / moved, rel=1e-6)
 
 
 def test_it_is_judged_pull_by_pull_on_motions_that_are_kept_aside(condensed: Experiment) -> None:

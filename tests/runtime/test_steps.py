@@ -46,7 +46,9 @@ def test_a_thousand_frames_with_grabs_agree(library: Library, name: str) -> None
     assert abs(iterations.sum(axis=0) @ [1, -1]) <= 0.05 * iterations[:, 0].sum()
 
 
-@pytest.mark.parametrize("name", ["latent neo_hookean", "linear neo_hookean", "condensed neo_hookean"])
+@pytest.mark.parametrize(
+    "name", ["latent neo_hookean", "linear neo_hookean", "condensed neo_hookean", "condensed, modes that swing"]
+)
 def test_at_the_usual_tolerance_every_step_makes_the_same_iterations(library: Library, name: str) -> None:
     expected, found, iterations = both(library, SPACES[name](), ReducedOptions())
     np.testing.assert_array_equal(iterations[:, 1], iterations[:, 0])

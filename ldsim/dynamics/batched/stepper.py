@@ -240,8 +240,8 @@ class BatchedStepper:
         if not torch.equal(loads.mu.nan_to_num(), loads.lam.nan_to_num()):
             raise SolverError("a condensed space has one factor for both moduli; mu and lam of the loads differ")
         found = loads.in_series(q, swing)
-        springs = {"B": found.B, "centre": found.centre, "target": found.target}
-        return loads._replace(**springs, stiffness=torch.ones_like(loads.stiffness)), found
+        springs = loads._replace(B=found.B, centre=found.centre, target=found.target)
+        return springs._replace(stiffness=torch.ones_like(loads.stiffness)), found
 
     @staticmethod
     def _swung(q: Tensor, swing: Swing, pulled: Pulled, series: BatchedSeries) -> Tensor:

@@ -97,19 +97,5 @@ def _written(count: int, k: int, modes: int) -> list[Array]:
     """Room for the target and for all that `warp_springs` writes, of some grabs."""
     n = 3 * count
     matrices = [(count, 3, 3)] * 3
-    shapes = (
-        (n,),
-        *matrices[:2],
-        (count,),
-        *matrices,
-        (count, 3),
-        (n,),
-        (n,),
-        (n,),
-        (n, k),
-        (n,),
-        (n, n),
-        (n, n),
-        (modes,),
-    )
-    return [np.zeros(shape) for shape in shapes]
+    shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n)
+    return [np.zeros(shape) for shape in (*shapes, (modes,))]

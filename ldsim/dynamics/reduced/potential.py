@@ -30,9 +30,9 @@ class Reduced(NamedTuple):
 
     layers: the decoder. G (c, 9, k): ∂F/∂q of every cubature point, 1/m. weights (c,) m³; kind, mu, lam (c,). inertia
     (k, k): M̃/h², or its diagonal (1, k) where that is all. metric (k, k): M̃/h² + K̃₀, or K̃₀ alone for Eq. 15. force
-    (k,): Uᵀ f_ext, N. lifted (c, 9): what pins that move add to F of every point, or (0, 9) where none can. squares (m,):
-    ω² of modes that swing, the last of q (space/modes.py), 1/s²; follows and gives (m,): their a and g, g in s². Inertia
-    and force of these are a times what they are else.
+    (k,): Uᵀ f_ext, N. lifted (c, 9): what pins that move add to F of every point, or (0, 9) where none can. squares
+    (m,): ω² of modes that swing, the last of q (space/modes.py), 1/s²; follows, gives (m,): their a, and g in s².
+    Inertia and force of these are a times what they are else.
     """
 
     layers: Layers

@@ -240,7 +240,7 @@ def _lever(series: InSeries, follows: Array, g: int, q: Array) -> None:
 
 @kernel()
 def swing_on(series: InSeries, model: Reduced, springs: Springs, q: Array) -> None:
-    """Modes at the end of a step, from φ(z) in q, (k,): what follows it, their own motion, and what grabs pull them by."""
+    """Modes at the end of a step, from φ(z) in q, (k,): what follows it, their own motion, the pull of grabs."""
     modes, k = series.swung.shape[0], q.shape[0]
     first = k - modes
     for i in range(series.softness.shape[0]):
