@@ -21,10 +21,12 @@ from ldsim.space.space import Space
 
 # Squared, what is left of columns where modes span them but for rounding.
 NOTHING = 1e-12
+# A step is longer where modes swing, so they have to be worth it: at most this share of the error is left.
+WORTH = 0.9
 
 
 def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, progress: Progress) -> Space:
-    """A condensed space, or the same one with its slowest modes let swing, whichever is less off.
+    """A condensed space, or the same one with its slowest modes let swing, whichever is clearly less off.
 
     A solid that bends far turns its modes, which swing as at rest: it may be better off without. The motions of either
     role say so, in the geometric mean, for none of them was fitted to: a condensed space learns from relaxed poses.
@@ -37,7 +39,7 @@ def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, 
     frames = sum(run.snapshots.frames(name) for names in roles.values() for name in names)
     with progress.bar("train: do modes swing", 2 * frames, "frame") as bar:
         errors = [[online_error(run, each, names, bar.update) for names in roles.values()] for each in (space, other)]
-    best = other if math.prod(errors[1]) < math.prod(errors[0]) else space
+    best = other if math.prod(errors[1]) < WORTH ** len(roles) * math.prod(errors[0]) else space
     words = "swing" if best is other else "are kept from swinging"
     off = ", ".join(
         f"{100 * swung:.2g} % off on {role} motions where they swing, {100 * kept:.2g} % where not"

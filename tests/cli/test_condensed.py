@@ -106,8 +106,8 @@ def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experime
         assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"] + len(space.squares)
 
 
-@pytest.mark.parametrize("validation, better", [(0.015, True), (0.025, False), (np.inf, False)])
-def test_modes_swing_where_motions_of_both_roles_are_less_off_so_in_the_geometric_mean(
+@pytest.mark.parametrize("validation, better", [(0.014, True), (0.015, False), (np.inf, False)])
+def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geometric_mean(
     condensed: Experiment, validation: float, better: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judged, told = list[list[str]](), list[str]()
