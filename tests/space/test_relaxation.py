@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.potential import Springs
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.warped import warp_springs
 from ldsim.errors import SolverError
 from ldsim.mechanics.elastic import add_elastic_gradient
@@ -29,7 +28,7 @@ from ldsim.mesh.shapes import beam as beam_mesh
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import MOST_CHANGED, Compliance, warp
 from ldsim.space.relaxation import Relaxation, Relaxed
-from tests.helpers import derivative_order, order, scene, uniform_scene
+from tests.helpers import derivative_order, order, reduced_space, scene, uniform_scene
 
 
 def beam(**given: float) -> Scene:
@@ -174,14 +173,14 @@ def test_the_compliance_where_a_solid_has_turned_is_that_of_the_solid_made_turne
 
 def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(relaxation: Relaxation) -> None:
     body, V = relaxation.scene, relaxation.coordinates
-    space: Any = SimpleNamespace(scene=body, reduced_basis=V, compliance=Compliance(body, V))
+    space = replace(reduced_space(body, V.matrix), compliance=Compliance(body, V))
     x, q = body.mesh.vertices, 0.05 * np.random.default_rng(6).normal(size=V.k)
     held = [np.flatnonzero(x[:, 0] > 0.29)[:3], np.flatnonzero(np.isclose(x[:, 0], 0.2))[:2]]
     grabs = [Grab(each, x[each].mean(axis=0) + [0.0, 0.1, 0.0], 80.0) for each in held]
     series, targets = InSeries.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
     series.target[:] = targets
     springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
-    warp_springs(series, q, springs)
+    warp_springs(series, ReducedStepper(space).compiled()[0], q, springs)
     u = V.fields @ q
     by_hand = [warp((x + u).T @ space.compliance.arms(each)) for each in held]
     np.testing.assert_allclose(series.warps, by_hand, atol=1e-9)

@@ -54,7 +54,7 @@ class ReducedStepper:
         self._elements = elements = rule.elements(scene)
         self.mass = reduced_mass(scene, basis)
         self._rate = (0.0 if options.quasistatic else 1.0) / scene.time_step**2
-        inertia = self._rate * self.mass
+        inertia = (0.0 if options.quasistatic else 1.0) * self.mass / scene.time_step**2
         self._stiffness = reduced_rest_stiffness(scene, basis)
         self._model = Reduced(
             space.decoder.layers,
