@@ -24,6 +24,7 @@ from ldsim.arrays import Array
 from ldsim.space.basis import weighted
 from ldsim.space.relaxation import Relaxation
 
+# Relative, of ω².
 ACCURACY = 1e-6
 
 
