@@ -42,7 +42,7 @@ class CondensedOptions(Options):
     columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
     steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
     modes: Annotated[
-        int, Field(ge=0, description="Slowest modes beside z; they swing if its motions are less off so.")
+        int, Field(ge=0, description="Slowest modes beside z; they swing if motions are a tenth less off so.")
     ] = 48
 
 

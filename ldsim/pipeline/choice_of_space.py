@@ -38,12 +38,12 @@ def standings(runs: Runs, motions: Sequence[str]) -> list[Standing]:
     return [
         Standing(space, error, float(np.nanmedian(np.concatenate([each.seconds for each in own]))))
         for space, own in ran.items()
-        if len(own) == len(motions) > 0 and (error := _error(own)) is not None
+        if len(own) == len(motions) > 0 and (error := error_of(own)) is not None
     ]
 
 
-def _error(trajectories: Sequence[Trajectory]) -> float | None:
-    """Mean vertex distance over all frames of several runs over the mean displacement."""
+def error_of(trajectories: Sequence[Trajectory]) -> float | None:
+    """Mean vertex distance over all frames of several runs over the mean displacement; infinite where one was lost."""
     errors = [each.mean_error for each in trajectories]
     moved = [each.mean_displacement for each in trajectories]
     if any(each is None for each in (*errors, *moved)):

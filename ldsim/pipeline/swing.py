@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.pipeline.choice_of_space import error_of
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
@@ -50,18 +51,15 @@ def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, 
 
 
 def online_error(run: Run, space: Space, names: Sequence[str], update: Callable[[], object]) -> float:
-    """Mean vertex distance over mean displacement of some motions together; infinite where one is lost."""
-    off = moved = 0.0
+    """Mean vertex distance over mean displacement of some motions; infinite where one is lost or none moves."""
+    played = []
     for name in names:
         found = run.snapshots.recorded(name)
         reference = Reference(found.motion, found.held, run.snapshots.reader(name))
-        played = run_reduced(ReducedStepper(space, run.reduced_options), reference, progress=update)
-        judged = with_errors(played, played, space, reference)
-        if judged.diverged:
-            return math.inf
-        assert judged.mean_error is not None and judged.mean_displacement is not None
-        off, moved = off + float(judged.mean_error.sum()), moved + float(judged.mean_displacement.sum())
-    return off / moved if moved > 0 else math.inf
+        trajectory = run_reduced(ReducedStepper(space, run.reduced_options), reference, progress=update)
+        played.append(with_errors(trajectory, trajectory, space, reference))
+    error = error_of(played)
+    return math.inf if error is None else error
 
 
 def swinging(space: Space, modes: Modes) -> Space:

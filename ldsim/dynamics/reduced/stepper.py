@@ -70,11 +70,7 @@ class ReducedStepper:
             space.squares,
             *following(space.squares, self._rate),
         )
-        self._own_metric, self.inertia, self._own_force = (
-            self._model.metric,
-            self._model.inertia,
-            self._model.force,
-        )
+        self._own_metric, self._own_force, self.inertia = self._model.metric, self._model.force, self._model.inertia
         self._model = self._swinging(1.0)
         # gravity enters linearly: f̃ = Uᵀ(load + Σ_i g_i m ⊗ e_i)
         self._load = basis.matrix.T @ scene.force(np.zeros(3)).ravel()
@@ -258,9 +254,8 @@ class ReducedStepper:
         model = own._replace(lifted=lifted, **{name: getattr(own, name).copy() for name in names})
         springs = Springs(np.zeros((grabs, 3, k)), np.zeros((grabs, 3)), np.zeros((grabs, 3)), np.zeros(grabs))
         work = make_work(self.space.decoder, len(own.weights))
-        return Unloaded(
-            model, springs, step_reference(model, springs, self._minimisation, work, InSeries.none(k, len(own.squares)))
-        )
+        series = InSeries.none(k, len(own.squares))
+        return Unloaded(model, springs, step_reference(model, springs, self._minimisation, work, series))
 
     def _base_force(self, gravity: Array | None, workspace: Workspace) -> Array:
         """Uᵀ f_ext under some gravity, (k,), written into this thread's model where it is not there yet."""
