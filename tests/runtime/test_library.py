@@ -76,7 +76,10 @@ def test_a_model_without_landmarks_tells_no_novelty(library: Library) -> None:
     assert np.isnan(pair(library, linear())[1].novelty)
 
 
-@pytest.mark.parametrize("name", ["latent neo_hookean", "condensed neo_hookean", "latent with moving pins"])
+RESTORED = ["latent neo_hookean", "condensed neo_hookean", "latent with moving pins", "condensed, modes that swing"]
+
+
+@pytest.mark.parametrize("name", RESTORED)
 def test_a_restored_state_goes_on_to_the_last_bit_there_and_in_another_solid(library: Library, name: str) -> None:
     space = SPACES[name]()
     solid = pair(library, space)[1]
