@@ -12,6 +12,7 @@ arXiv 2107.05077). No load is in V(u): what acts on the solid acts on u₀(z) wh
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
-from ldsim.mechanics.elastic import add_elastic_gradient
+from ldsim.mechanics.elastic import add_elastic_gradient, vertex_rotations
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern, vertex_graph
 from ldsim.optimise.elimination import eliminate, elimination_order
@@ -32,9 +33,9 @@ from ldsim.space.basis import Basis, weighted
 # The force that no constraint carries may be this share of the forces of a typical strain.
 TOLERANCE = 1e-9
 MAX_ITERATIONS = 200
-# K may be made anew after these iterations of L-BFGS and after every so many: soon where a guess is far off, for its K
-# says little of where it settles (what a grip holds is all but crushed). A factor costs some `SPARED` iterations, so it
-# is made only where more are left at the pace since the last one.
+# K is turned along with the solid or made anew, alternately, after these iterations of L-BFGS and after every so many:
+# soon where a guess is far off, for its K says little of where it settles (what a grip holds is all but crushed). A
+# factor costs some `SPARED` iterations, so this is done only where more are left at the pace since the last time.
 EARLY, RENEWAL, SPARED = (1, 2, 4), 8, 20
 # Relative residual of the tangents where K is indefinite.
 ACCURACY = 1e-8
@@ -147,7 +148,7 @@ class Relaxation:
         L-BFGS with the constrained inverse of K for a preconditioner; gradients and directions stay in the kernel of W.
         """
         scene, x = self.scene, guess.ravel().copy()
-        inverse, size = near, math.inf
+        inverse, size, made_anew = near.turned(guess), math.inf, True
         renewed = 0, math.inf  # in which iteration, and the forces that were left
         # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
         tolerance = TOLERANCE * self._size * scene.mesh.diagonal
@@ -162,7 +163,7 @@ class Relaxation:
             return float(value)
 
         def refresh(u: Array, iteration: int) -> bool:
-            nonlocal inverse, renewed
+            nonlocal inverse, made_anew, renewed
             if iteration == 0:
                 renewed = 0, size
             if iteration == 0 or (iteration % RENEWAL and iteration not in EARLY):
@@ -170,7 +171,8 @@ class Relaxation:
             pace = math.log(renewed[1] / size) / (iteration - renewed[0])
             if pace * SPARED >= math.log(size / tolerance):
                 return False
-            inverse, renewed = _Constrained(self, u.reshape(-1, 3), exact=False), (iteration, size)
+            pose, made_anew, renewed = u.reshape(-1, 3), not made_anew, (iteration, size)
+            inverse = _Constrained(self, pose, exact=False) if made_anew else inverse.turned(pose)
             return True
 
         norm = max(float(np.linalg.norm(x)), 1.0)
@@ -215,6 +217,12 @@ class Relaxation:
         size = 3 * self.scene.mesh.n_vertices
         return coo_array((free.data, (unknown[free.row], unknown[free.col])), shape=(size, size)).tocsr()
 
+    def rotations(self, u: Array) -> Array:
+        """Of the solid at each vertex, (n, 3, 3)."""
+        found = np.empty((len(u), 3, 3))
+        vertex_rotations(self.scene.elements, u, found)
+        return found
+
     def solve(self, factor: Factor, right: Array) -> Array:
         """K⁻¹ of rows (b, 3n); zero at the pins."""
         order, n, b = self._pattern.order, self.scene.mesh.n_vertices, len(right)
@@ -247,14 +255,28 @@ class _Constrained:
                 definite = False
         if not definite:
             self.factor = relaxation.factor(u, clamp=True)
-        W = relaxation.rows
-        Y = relaxation.solve(self.factor, W)
+        self._rotations = relaxation.rotations(u)
+        self._constrain(None)
+        if exact and not definite:
+            self._correct(relaxation.stiffness(u))
+
+    def _constrain(self, turn: Array | None) -> None:
+        """S and T of the factor, turned by one rotation a vertex, (n, 3, 3), since it was made."""
+        self._turn, W = turn, self._relaxation.rows
+        Y = self._unconstrained(W)
         compliance = Y @ W.T
         self.stiffness: Array = np.asarray(np.linalg.inv(0.5 * (compliance + compliance.T)), dtype=np.float64)
         # not S Y: of a factor in single precision that would let z drift, a ten-millionth with every step
         self.tangents: Array = np.asarray(np.linalg.solve(compliance, Y), dtype=np.float64)  # (r, 3n)
-        if exact and not definite:
-            self._correct(relaxation.stiffness(u))
+
+    def _unconstrained(self, right: Array) -> Array:
+        """R K⁻¹ Rᵀ of rows, (b, 3n)."""
+        if self._turn is None:
+            return self._relaxation.solve(self.factor, right)
+        back = np.einsum("nji,bnj->bni", self._turn, right.reshape(len(right), -1, 3))
+        x = self._relaxation.solve(self.factor, back.reshape(right.shape))
+        forth = np.einsum("nij,bnj->bni", self._turn, x.reshape(back.shape))
+        return np.ascontiguousarray(forth.reshape(right.shape))
 
     def _correct(self, K: csr_array) -> None:
         """T and S of K from those of the clamped one: T += x, W x = 0, with K T in the range of Wᵀ."""
@@ -262,6 +284,18 @@ class _Constrained:
         exact = T + self._conjugate_gradients(K, -(K @ T.T).T)
         stiffness = exact @ (K @ exact.T)
         self.tangents, self.stiffness = exact, 0.5 * (stiffness + stiffness.T)
+
+    def turned(self, u: Array) -> _Constrained:
+        """The same factor, turned along with the solid to another pose, (n, 3) metres.
+
+        K(u) ≈ R K(u_f) Rᵀ with one rotation a vertex (Müller et al. 2002, stiffness warping), at the cost of r solves.
+        """
+        rotations = self._relaxation.rotations(u)
+        if np.array_equal(rotations, self._rotations):
+            return self
+        other = copy(self)
+        other._constrain(rotations @ self._rotations.transpose(0, 2, 1))
+        return other
 
     def _conjugate_gradients(self, K: csr_array, right: Array) -> Array:
         """Rows x with W x = 0 and K x = right up to what the constraint carries, (b, 3n)."""
@@ -288,5 +322,5 @@ class _Constrained:
 
     def solve(self, right: Array) -> Array:
         """The displacements with W u = 0 that forces cause, by the factor, (b, 3n)."""
-        x = self._relaxation.solve(self.factor, right)
+        x = self._unconstrained(right)
         return x - (x @ self._relaxation.rows.T) @ self.tangents

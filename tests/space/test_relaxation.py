@@ -235,6 +235,33 @@ def test_near_its_equilibrium_a_pose_takes_no_factor_but_of_its_start_and_its_en
     assert made == [True, False]
 
 
+def test_where_the_solid_has_turned_its_factor_is_turned_instead_of_made_anew(
+    relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    factor = relaxation.factor
+    monkeypatch.setattr(relaxation, "factor", lambda u, clamp: made.append(clamp) or factor(u, clamp))
+    assert np.abs(relaxation(2 * bent_z(relaxation)).u).max() > 0.5 * 0.3  # half of the beam's length
+    assert made == [False]
+
+
+def test_a_factor_turned_along_with_a_solid_is_that_of_the_turned_solid(relaxation: Relaxation) -> None:
+    body, inverse = relaxation.scene, relaxation.rest.inverse
+    assert inverse is not None
+    x, (_, M, unknown) = body.mesh.vertices, rest_matrices(body)
+    u = x @ Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix().T - x  # pins too: K is turned exactly then
+    K, W = relaxation.stiffness(u).toarray()[np.ix_(unknown, unknown)], relaxation.coordinates.matrix[unknown].T @ M
+    flexible = np.linalg.inv(K)
+    S = np.linalg.inv(W @ flexible @ W.T)
+    turned = inverse.turned(u)
+    np.testing.assert_allclose(turned.stiffness, S, atol=1e-9 * np.abs(S).max())
+    np.testing.assert_allclose(turned.tangents[:, unknown], S @ W @ flexible, atol=1e-9)
+    force = np.zeros((1, x.size))
+    force[0, unknown] = np.random.default_rng(0).normal(size=len(unknown))
+    expected = flexible @ force[0, unknown] - (S @ W @ flexible).T @ (W @ flexible @ force[0, unknown])
+    np.testing.assert_allclose(turned.solve(force)[0, unknown], expected, atol=1e-9 * np.abs(expected).max())
+
+
 def held_end(material: str) -> tuple[Compliance, Indices]:
     """The compliance of a beam of three coordinates, and vertices at its end to be pulled at."""
     body = scene(beam_mesh(0.3, 0.1, 0.1, 1), material, gravity=(0.0, 0.0, 0.0))
