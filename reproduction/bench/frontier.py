@@ -12,7 +12,6 @@ condensed one, which tell how nonlinear each motion is. Results go to reproducti
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -39,6 +38,8 @@ ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn",
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
 MEASURED = re.compile(rf"{STEP}, (.+), (\w+) (\d+), .*, seed (\d+)")  # motions, kind, dimension and seed
+# Where the number of a mark may stand beside it, points.
+CORNERS = ((8, 6), (8, -6), (-8, 6), (-8, -6))
 NUMBERS = {1: "one seed", 2: "two seeds", 3: "three seeds"}
 SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seeds
 
@@ -176,19 +177,25 @@ def marks(rows: Sequence[Row], motions: str) -> Iterator[Mark]:
 def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
     """Online error on the motions of a role against the median step: every space, every seed."""
     figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
-    named, all_marks = set(), list(marks(rows, role))
-    above = itertools.cycle((True, False))  # sizes that differ by a column would write over each other
-    for mark in (each for each in all_marks if math.isfinite(each.error)):
-        colour = PALETTE[COLOURS[mark.kind]]
+    named, all_marks = set(), [mark for mark in marks(rows, role) if math.isfinite(mark.error)]
+    for mark in all_marks:
         label = "" if mark.kind in named else mark.kind
-        ax.plot(mark.ms, 100 * mark.error, "o", color=colour, markersize=4, label=label)
-        if mark.seed == SEEDS[0]:  # those of the other seeds differ by a column or two
-            at, offset = (mark.ms, 100 * mark.error), (4, 3 if next(above) else -9)
-            ax.annotate(str(mark.dimension), at, offset, textcoords="offset points", fontsize=7, color=colour)
+        ax.plot(mark.ms, 100 * mark.error, "o", color=PALETTE[COLOURS[mark.kind]], markersize=4, label=label)
         named.add(mark.kind)
     for axis in "xy":
         log_scale(ax, axis)
     legend(ax)
+    taken = list(ax.transData.transform([(mark.ms, 100 * mark.error) for mark in all_marks]))
+    for mark in (each for each in all_marks if each.seed == SEEDS[0]):  # the other seeds differ by a column or two
+        at, pixels = (mark.ms, 100 * mark.error), figure.dpi / 72
+        here = ax.transData.transform(at)
+        ways = [(corner, here + pixels * np.array(corner)) for corner in CORNERS]
+        corner, place = max(ways, key=lambda way: min(math.dist(way[1], other) for other in taken))
+        taken.append(place)
+        ax.annotate(
+            str(mark.dimension), at, corner, textcoords="offset points", ha="center", va="center", fontsize=7,
+            color=PALETTE[COLOURS[mark.kind]],
+        )  # fmt: skip
     seeds = NUMBERS[len({mark.seed for mark in all_marks})]
     return to_svg(figure, f"Online error on the {role} motions of {model} against the median time of a step, {seeds}")
 
