@@ -143,7 +143,7 @@ class Relaxation:
         return self._follow(z, middle, halvings - 1)
 
     def _settle(self, guess: Array, near: _Constrained) -> tuple[Array, Solution]:
-        """Minimise V(u) over W u = W guess, from the guess, with the inverse of K at a pose near by.
+        """Minimise V(u) over W u = W guess, from the guess, with the inverse of K at a pose near by, turned to it.
 
         L-BFGS with the constrained inverse of K for a preconditioner; gradients and directions stay in the kernel of W.
         """
