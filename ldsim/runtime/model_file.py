@@ -93,66 +93,68 @@ def _padded(data: bytes) -> bytes:
 
 def pieces(space: Space, options: ReducedOptions, single: bool) -> Pieces:
     """Of a space whose points are sorted by material."""
-    scene, basis = space.scene, space.reduced_basis
     compiled = ReducedStepper(space, options).compiled()[0]
     layers, novelty, condensed = compiled.layers, space.novelty, space.compliance is not None
     anchors = None if space.compliance is None else space.compliance.anchored().anchors
-    material_names(compiled.kind.tolist(), KNOWN, "the C library")
     moving = space.lifting is not None and space.lifting.count > 0
-    if condensed and moving:
-        raise ExportError("the C library has no condensed model whose pins move")
+    _refuse(space, compiled, moving)
     pins = MovingPins.of(space) if moving else None
-    supports = len(pins.lifting.supports) if pins is not None else 0
-    arrays: Arrays = {
+    arrays = _arrays(space, compiled, pins, anchors, single)
+    widths, modes = [int(width) for width in layers.sizes[1:]], len(space.squares)
+    if folded := _is_folded(space, compiled):
+        widths, arrays = widths[:-1], _folded(space, arrays)
+    elif modes:
+        arrays |= _of_features(np.eye(space.decoder.k), arrays, modes)
+    anchored = (0, 0) if anchors is None else (len(anchors.matrix) // 3, anchors.near.shape[1])
+    counts = [space.scene.mesh.n_vertices, len(arrays["triangles"]), space.r, len(arrays["load"]) - modes]
+    counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), int(folded)]
+    counts += [int(layers.skip.size > 0), len(arrays["maps"]), len(compiled.weights), int(arrays["inertia"].ndim > 1)]
+    counts += [0 if pins is None else len(pins.lifting.supports), 0 if novelty is None else len(novelty.landmarks)]
+    counts += [int(condensed), *anchored, *(space.scene.mesh.cells.shape if condensed else (0, 0))]
+    counts += [4 if single else 8, options.max_iterations, modes]
+    return Pieces(counts, _numbers(space, options), arrays)
+
+
+def _refuse(space: Space, compiled: Reduced, moving: bool) -> None:
+    """What the library does not have."""
+    material_names(compiled.kind.tolist(), KNOWN, "the C library")
+    layers = len(compiled.layers.sizes) - 1
+    if layers > MAX_LAYERS:
+        raise ExportError(f"the decoder has {layers} layers; the C library takes at most {MAX_LAYERS}")
+    if moving and space.compliance is not None:
+        raise ExportError("the C library has no condensed model whose pins move")
+
+
+def _numbers(space: Space, options: ReducedOptions) -> list[float]:
+    scene, novelty = space.scene, space.novelty
+    reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
+    numbers = [scene.time_step, *scene.gravity, options.stop(float(scene.vertex_mass.sum())), scene.mass.sum()]
+    return [float(x) for x in (*numbers, scene.mesh.diagonal, *usual_grip(scene), reach, threshold, 0.0)]
+
+
+def _arrays(space: Space, compiled: Reduced, pins: MovingPins | None, anchors: Anchors | None, single: bool) -> Arrays:
+    """In the order of the file, of coordinates that are not folded into features yet."""
+    scene, basis, surface, none = space.scene, space.reduced_basis, Surface.of(space.scene.mesh), np.empty(0)
+    size = "<f4" if single else "<f8"
+    return {
         "rest": _f8(scene.mesh.vertices),
         **dict(_network(space)),
         **_reduced(compiled),
         "load": _f8(basis.matrix.T @ scene.force(np.zeros(3)).ravel()),
         "unit_weight": _f8(np.einsum("nik,n->ki", basis.fields, scene.vertex_mass)),
         **_moving_pins(pins, scene, space),
-        "landmarks": _f8(np.empty(0) if novelty is None else novelty.landmarks),
-        "mode_rows": np.empty(0),
+        "landmarks": _f8(none if space.novelty is None else space.novelty.landmarks),
+        "mode_rows": none,
         "squares": _f8(space.squares),
         **_residual(space.compliance, scene),
-        "basis": basis.matrix.astype("<f4" if single else "<f8"),
-        "anchored": _lower(anchors).astype("<f4" if single else "<f8"),
+        "basis": basis.matrix.astype(size),
+        "anchored": _lower(anchors).astype(size),
+        "triangles": _u4(surface.vertices[surface.triangles]),
+        "movable": _u4(scene.movable),
+        "kind": _u4(compiled.kind),
+        "near": _u4(none if anchors is None else anchors.near),
+        "cells": _u4(none if anchors is None else scene.mesh.cells),
     }
-    surface = Surface.of(scene.mesh)
-    triangles = surface.vertices[surface.triangles]
-    arrays |= {"triangles": _u4(triangles), "movable": _u4(scene.movable), "kind": _u4(compiled.kind)}
-    arrays["near"] = _u4(np.empty(0) if anchors is None else anchors.near)
-    arrays["cells"] = _u4(np.empty(0) if anchors is None else scene.mesh.cells)
-    widths = [int(width) for width in layers.sizes[1:]]
-    if len(widths) > MAX_LAYERS:
-        raise ExportError(f"the decoder has {len(widths)} layers; the C library takes at most {MAX_LAYERS}")
-    if folded := _is_folded(space, compiled):
-        widths, arrays = widths[:-1], _folded(space, arrays)
-    elif modes := len(space.squares):
-        arrays |= _of_features(np.eye(space.decoder.k), arrays, modes)
-    modes = len(space.squares)
-    counts = [scene.mesh.n_vertices, len(triangles), space.r, len(arrays["load"]) - modes]
-    counts += [len(widths), *widths, *[0] * (MAX_LAYERS - len(widths)), int(layers.activation), int(folded)]
-    counts += [
-        int(layers.skip.size > 0),
-        arrays["maps"].shape[0],
-        len(compiled.weights),
-        int(arrays["inertia"].ndim > 1),
-    ]
-    held = (0, 0, 0, 0)
-    if anchors is not None:
-        held = (len(anchors.matrix) // 3, anchors.near.shape[1], *scene.mesh.cells.shape)
-    counts += [supports, 0 if novelty is None else len(novelty.landmarks), int(condensed), *held]
-    counts += [4 if single else 8, options.max_iterations, modes]
-    stiffness, radius = usual_grip(scene)
-    reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
-    numbers = [
-        scene.time_step,
-        *scene.gravity,
-        options.stop(float(scene.vertex_mass.sum())),
-        float(scene.mass.sum()),
-        scene.mesh.diagonal,
-    ]
-    return Pieces(counts, [*map(float, numbers), stiffness, radius, reach, threshold, 0.0], arrays)
 
 
 def _network(space: Space) -> Iterator[tuple[str, NDArray[np.generic]]]:
