@@ -114,7 +114,7 @@ def test_a_restored_state_goes_on_to_the_last_bit_there_and_in_another_solid(lib
         np.testing.assert_array_equal(further(continued), expected)
 
 
-@pytest.mark.parametrize("name", [f"latent {name}" for name in MATERIALS])
+@pytest.mark.parametrize("name", [*(f"latent {name}" for name in MATERIALS), "condensed, modes that swing"])
 def test_a_brutal_pull_comes_to_the_outcomes_of_the_simulator(library: Library, name: str) -> None:
     """So far and so hard that steps are lost, slowed or held; what stays finite in Python does so in C."""
     space = SPACES[name]()
