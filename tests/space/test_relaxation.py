@@ -222,12 +222,17 @@ def test_what_is_kept_of_one_grab_serves_no_other(relaxation: Relaxation) -> Non
     assert np.abs(fresh().dent(grabs[0]).second - fresh().dent(grabs[1]).second).max() > 0
 
 
-def test_near_its_equilibrium_a_pose_takes_no_factor_but_of_its_start_and_its_end(
-    relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = []
-    factor = relaxation.factor
+@pytest.fixture
+def made(relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Whether K was clamped, for each factor of it that is made."""
+    made, factor = list[bool](), relaxation.factor
     monkeypatch.setattr(relaxation, "factor", lambda u, clamp: made.append(clamp) or factor(u, clamp))
+    return made
+
+
+def test_near_its_equilibrium_a_pose_takes_no_factor_but_of_its_start_and_its_end(
+    relaxation: Relaxation, made: list[bool]
+) -> None:
     near = relaxation(0.05 * bent_z(relaxation))
     made.clear()
     found = relaxation.from_pose(near.u + 0.05 * np.where(relaxation.scene.pinned[:, None], 0.0, near.u[:, ::-1]))
@@ -236,11 +241,8 @@ def test_near_its_equilibrium_a_pose_takes_no_factor_but_of_its_start_and_its_en
 
 
 def test_where_the_solid_has_turned_its_factor_is_turned_instead_of_made_anew(
-    relaxation: Relaxation, monkeypatch: pytest.MonkeyPatch
+    relaxation: Relaxation, made: list[bool]
 ) -> None:
-    made = []
-    factor = relaxation.factor
-    monkeypatch.setattr(relaxation, "factor", lambda u, clamp: made.append(clamp) or factor(u, clamp))
     assert np.abs(relaxation(2 * bent_z(relaxation)).u).max() > 0.5 * 0.3  # half of the beam's length
     assert made == [False]
 
