@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from ldsim.cli.parameters import Angles, Size, run_argument
+from ldsim.cli.parameters import Angles, Finite, Size, run_argument
 from ldsim.export.formats import FORMATS, Choice, export, megabytes
 from ldsim.jit import one_thread
 from ldsim.run import AUTO, SPACES, Run
@@ -25,7 +25,7 @@ EPILOG = "\b\nFormats:\n" + "\n".join(f"  {name:12}{entry.meaning}" for name, en
 @click.option("--space", default=AUTO, show_default=True, metavar="|".join((AUTO, *SPACES)), help="Which space's run.")
 @click.option("--every", type=click.IntRange(min=1), default=1, show_default=True, help="Write only every N-th frame.")
 @click.option("--platform", "platforms", multiple=True, type=click.Choice([*PLATFORMS]), help="Of c, fmu; repeatable.")
-@click.option("--fps", type=click.FloatRange(min=0.1), help="Of webp, mp4, webm: frames a second, in real time.")
+@click.option("--fps", type=Finite(min=0.1), help="Of webp, mp4, webm: frames a second, in real time.")
 @click.option("--size", type=Size(), help="Of these: pixels, such as 1280x720.")
 @click.option("--view", type=Angles(), help="Of these: azimuth,elevation in degrees, or front, side, top.")
 @click.option("--surface", type=click.Path(path_type=Path), help="Draw this file's surface, with its texture.")

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -22,6 +23,16 @@ def on_configuration(name: str, description: str) -> Callable[[Callable[..., Non
 port_option = click.option("--port", type=click.IntRange(0, 65535), default=0, help="0 for any that is free.")
 browser_option = click.option("--browser/--no-browser", default=True, help="Open the page in the browser.")
 until_closed_option = click.option("--until-closed", is_flag=True, help="End when the page is closed.")
+
+
+class Finite(click.FloatRange):
+    """A number of a range, which `nan` and `inf` are not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found: float = super().convert(value, param, ctx)
+        if not math.isfinite(found):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return found
 
 
 class Percent(click.ParamType[float]):
@@ -45,11 +56,13 @@ def asked_options(function: Callable[..., None]) -> Callable[..., None]:
         "--error", type=Percent(), metavar="PERCENT", help="Learn until it is held; status 3 where it is not."
     )
     minutes = click.option(
-        "--minutes", type=click.FloatRange(min=0), default=20.0, show_default=True, help="Begin no round later."
+        "--minutes",
+        type=Finite(min=0),
+        default=20.0,
+        show_default=True,
+        help="Begin no round that would end later.",
     )
-    step = click.option(
-        "--step", type=click.FloatRange(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower."
-    )
+    step = click.option("--step", type=Finite(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower.")
     experiment = click.option("--experiment", help="Refuse a configuration of another experiment (for the Makefile).")
     return error(minutes(step(experiment(function))))
 

@@ -77,8 +77,8 @@ def unit_loads(scene: Scene, basis: Basis) -> Array:
 
 
 def default_pull(run: Run) -> tuple[float, float]:
-    """Radius in m and stiffness in N/m of a pull: those of the run's first drag, if it has one."""
-    for name in run.snapshots.names:
+    """Radius in m and stiffness in N/m of a pull: those of the run's first drag, if it has one and is there still."""
+    for name in run.snapshots.names if run.path("snapshots").is_file() else ():
         for drag in run.recorded(name).motion.drags:
             return drag.radius, drag.stiffness
     diagonal = run.scene.mesh.diagonal

@@ -147,13 +147,7 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
             f"the format {choice.format} needs the package {wanted.extra.module}, which is not installed; "
             f"run {wanted.extra.install}"
         )
-    if choice.surface is not None and choice.format not in SURFACES:
-        raise ExportError(f"{choice.format} draws no surface of your own; --surface is for {', '.join(SURFACES)}")
-    if choice.platforms and choice.format not in COMPILED:
-        raise ExportError(f"{choice.format} holds no compiled code; --platform is for {' and '.join(COMPILED)}")
-    if choice.look != PictureLook() and not wanted.drawn:
-        drawn = ", ".join(name for name, entry in FORMATS.items() if entry.drawn)
-        raise ExportError(f"{choice.format} is no picture; --fps, --size and --view are for {drawn}")
+    _check_use(choice, wanted)
     write: Callable[[Path], None]
     if wanted.model is not None:
         write, title, what = partial(wanted.model, run), run.folder.resolve().name, "the reduced model"
@@ -179,6 +173,23 @@ def export(run: Run, choice: Choice, output: Path | None = None) -> tuple[Path, 
     with replacing(path) if wanted.suffix else replacing_folder(path) as temporary:
         write(temporary)
     return path, what
+
+
+def _check_use(choice: Choice, wanted: Format) -> None:
+    """Refuse what a format has no use for."""
+    drawn = [name for name, entry in FORMATS.items() if entry.drawn]
+    moving = [name for name, entry in FORMATS.items() if entry.motion is not None]
+    one_space = [name for name, entry in FORMATS.items() if entry.model is None]
+    given = {
+        "draws no surface of your own; --surface is": (choice.surface is not None, [*SURFACES]),
+        "holds no compiled code; --platform is": (bool(choice.platforms), [*COMPILED]),
+        "is no picture; --fps, --size and --view are": (choice.look != PictureLook(), drawn),
+        "plays no motion; --motion and --every are": (choice.motion is not None or choice.every > 1, moving),
+        "holds every reduced space; --space is": (choice.space != AUTO, one_space),
+    }
+    for said, (asked, formats) in given.items():
+        if asked and choice.format not in formats:
+            raise ExportError(f"{choice.format} {said} for {', '.join(formats)}")
 
 
 def _output(run: Run, wanted: Format, name: str, output: Path | None) -> Path:

@@ -15,8 +15,12 @@ from ldsim.export.drawn import Drawn
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.skin import Skin
+from ldsim.pipeline.simulate import residual
 from ldsim.run import AUTO, SPACES, Run
 from ldsim.space.lifting import Lifting
+
+# Columns that what is beside the coordinates of a condensed space is cut down to, for formats that play columns.
+BESIDE = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,7 @@ class Playback:
         frame_seconds: time between two frames, s; frame i is the state at (i + 1) times it.
         frames: how many there are.
         displacement: frame → u, (n, 3) float64, metres.
+        beside: frame → what of it is not U q, of a condensed space; None elsewhere.
         U: basis of a reduced space, and beside it the fields of pins that move, (3n, k); None for the full space.
         coordinates: their coordinates in each frame, (frames, k); None for the full space.
         lost: frames left out at the end because the run diverged there.
@@ -42,6 +47,7 @@ class Playback:
     frame_seconds: float
     frames: int
     displacement: Callable[[int], Array]
+    beside: Callable[[int], Array] | None = None
     U: Array | None = None
     coordinates: Array | None = None
     lost: int = 0
@@ -68,6 +74,8 @@ class Playback:
     def reduced(self, format: str) -> tuple[Array, Array]:
         """U and the coordinates of each frame, for a format that plays them.
 
+        What a condensed space has beside them follows as its principal components over the frames, `BESIDE` at most.
+
         Raises:
             ExportError: the motion is of the full space, which has no basis.
         """
@@ -76,7 +84,11 @@ class Playback:
                 f"{format} plays the columns of a basis and the full space has none; "
                 "use --space linear or latent, or the format ply or vtk"
             )
-        return self.U, self.coordinates
+        if self.beside is None:
+            return self.U, self.coordinates
+        rows = np.stack([self.beside(frame).ravel() for frame in range(self.frames)])
+        shares = np.linalg.eigh(rows @ rows.T)[1][:, -BESIDE:]
+        return np.hstack([self.U, rows.T @ shares]), np.hstack([self.coordinates, shares])
 
     def time(self, frame: int) -> float:
         """When a frame is, s."""
@@ -89,12 +101,13 @@ class Playback:
             raise ExportError(
                 f"--every {every} leaves none of the {self.frames} frames of {self.motion}; give a smaller number"
             )
-        read, pulls = self.displacement, self.pulls
+        read, beside, pulls = self.displacement, self.beside, self.pulls
         return replace(
             self,
             frame_seconds=self.frame_seconds * every,
             frames=len(kept),
             displacement=lambda frame: read(kept[frame]),
+            beside=None if beside is None else lambda frame: beside(kept[frame]),
             pulls=lambda frame: pulls(kept[frame]),
             coordinates=None if self.coordinates is None else self.coordinates[kept.start :: every],
         )
@@ -124,9 +137,15 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
     lifting = Lifting.of(run.scene, [played])
     U = np.hstack([run.basis_of(space).matrix[:, : coordinates.shape[1]], lifting.fields])
     q = np.hstack([coordinates[:frames], lifting.coordinates(played)[:frames]])
-    h, lost = run.scene.time_step, len(finite) - frames
-    pulls = _pulls(run.recorded(name))
-    return Playback(name, space, run.scene, h, frames, lambda i: (U @ q[i]).reshape(-1, 3), U, q, lost, pulls)
+    moved = residual(run, space, name)
+    beside = None if moved is None else lambda frame: moved(frame, coordinates[frame])
+
+    def displacement(frame: int) -> Array:
+        u: Array = (U @ q[frame]).reshape(-1, 3)
+        return u if beside is None else u + beside(frame)
+
+    h, lost, pulls = run.scene.time_step, len(finite) - frames, _pulls(run.recorded(name))
+    return Playback(name, space, run.scene, h, frames, displacement, beside, U, q, lost, pulls)
 
 
 def _full(run: Run, motion: str) -> Playback:

@@ -188,7 +188,7 @@ def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, refe
     lifted = None
     if space.lifting is not None and space.lifting.count:
         lifted = space.lifting.displacements(reference.motion)
-    residual = _residuals(space, reference)
+    residual = residuals(space, reference)
     columns: list[Array] = []
     for start in range(0, len(trajectory.coordinates), CHUNK):
         some = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
@@ -209,10 +209,10 @@ def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, refe
     )
 
 
-def _residuals(space: Space, reference: Reference) -> Callable[[int, Array], Array | float]:
+def residuals(space: Space, reference: Reference) -> Callable[[int, Array], Array]:
     """(first frame, q of frames from it on) → what a condensed space moves beside U q, (frames, n, 3), metres."""
     if not space.is_condensed:
-        return lambda start, q: 0.0
+        return lambda start, q: np.zeros((len(q), 1, 1))
     stepper, loads = ReducedStepper(space), MotionLoads(reference.motion, space.scene, dict(reference.held))
 
     def residual(start: int, q: Array) -> Array:

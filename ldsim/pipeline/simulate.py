@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import write_simulation
 from ldsim.dynamics.trajectory import Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
-from ldsim.mechanics.scene import properties_of, with_properties
+from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.optimise.solution import failures
 from ldsim.pipeline.choice_of_space import chosen_space, judging, standings
-from ldsim.pipeline.comparison import Measured, Reference, compare_motion
+from ldsim.pipeline.comparison import Measured, Reference, compare_motion, residuals
 from ldsim.pipeline.options import SimulateOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.statement import about, bound, fresh_errors, sentence
@@ -71,12 +72,30 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
 
 def _spaces(run: Run, options: SimulateOptions) -> list[Space]:
     """The reduced spaces, with the rules and the material that are asked for."""
-    scene = None
-    if options.material is not None:
-        scene = with_properties(run.scene, properties_of(run.scene).changed(**options.material.model_dump()))
+    scene = _scene(run, options)
     points = {"linear": options.linear_points, "latent": options.points}
     linear = sorted((name for name in run.cubature if name not in points), key=lambda name: int(name.split("_")[1]))
     return [run.space(name, points.get(name), scene) for name in ("linear", "latent", *linear)]
+
+
+def _scene(run: Run, options: SimulateOptions) -> Scene | None:
+    """The solid with another material, where one is asked for."""
+    if options.material is None:
+        return None
+    return with_properties(run.scene, properties_of(run.scene).changed(**options.material.model_dump()))
+
+
+def residual(run: Run, space: str, motion: str) -> Callable[[int, Array], Array] | None:
+    """The function (frame, q) → what weight and grabs move beside U q in a motion that was run, (n, 3) metres.
+
+    None in every space but a condensed one.
+    """
+    if space != "latent" or not run.model.condensed:
+        return None
+    options, recorded = SimulateOptions.of_dump(run.header("simulation").settings), run.recorded(motion)
+    own = run.space(space, options.points, _scene(run, options))
+    moved = residuals(own, Reference(recorded.motion, recorded.held, None))
+    return lambda frame, q: moved(frame, q[None])[0]
 
 
 def _measured(options: SimulateOptions) -> Measured:

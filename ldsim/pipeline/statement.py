@@ -34,6 +34,7 @@ from ldsim.space.space import Space
 
 # Full-space runs side by side.
 WORKERS = 2
+QUASISTATIC = "quasistatic"
 
 
 @dataclass(frozen=True)
@@ -103,12 +104,12 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
     if path.is_file():
         with reading(path, "tests") as file:
             header = read_header(file)
-        if header.settings == own and header.inputs == {"scene": run.hash("scene")}:
+        same = header.settings == own and header.inputs == {"scene": run.hash("scene")}
+        if same and bool(header.notes.get(QUASISTATIC, 0)) == run.quasistatic:
             return
     motions = fresh_motions(run.scene, options)
-    quasistatic = bool(run.header("snapshots").notes.get("quasistatic", 0))
     chosen = {"linear_solver": choose(run.scene, "auto", WORKERS).name}
-    solver = FullOptions(quasistatic=quasistatic).model_copy(update=chosen)
+    solver = FullOptions(quasistatic=run.quasistatic).model_copy(update=chosen)
     with progress.bar("simulate: fresh motions, full space", sum(each.frames for each in motions), "frame") as bar:
 
         def show(done: int, unfinished: int) -> None:
@@ -116,7 +117,8 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
             bar.reach(done)
 
         run_motions(run.path("scene"), folder, motions, solver, WORKERS, show)
-    header = replace(stage.header("tests", ("scene",), options.pulls.seed), settings=own)
+    notes = {QUASISTATIC: int(run.quasistatic)}
+    header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
     stores = [(MotionStore(folder, motion), motion, "test") for motion in motions]
     write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
 

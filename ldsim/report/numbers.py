@@ -64,6 +64,7 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
                 for space in SPACES
             }
         ),
+        window_seconds=SimulateOptions.of_dump(run.header("simulation").settings).window,
         space=run.chosen,
         frontier=_frontier(run),
         speedup=_speedups(run),

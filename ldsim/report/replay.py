@@ -129,6 +129,8 @@ def make_replay(run: Run) -> Replay | None:
     vertices = surface.vertices
     motions = [replay_motion(run, name, stride, vertices) for name in names]
     every = [shown for motion in motions for shown in motion.spaces]
+    if not any(len(shown.displacements) for shown in every):  # lost in the first frame, and nothing beside it
+        return None
     modes, coordinates = _compressed(run, every, vertices)
     scales, modes16, coordinates16 = quantised(modes, coordinates)
     worst, mean = _drawing_error(every, modes16 * scales, coordinates16)

@@ -9,6 +9,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.snapshots import ROLES, Recorded
 from ldsim.dynamics.trajectory import Trajectory
+from ldsim.pipeline.simulate import residual
 from ldsim.report.wording import counted
 from ldsim.run import REDUCED, Run
 
@@ -44,15 +45,24 @@ def title(run: Run, space: str) -> str:
 def displacements(run: Run, space: str, motion: str) -> Callable[[Indices, Indices | slice], Array]:
     """The function (frames (N,), vertices (v,)) → u of a motion in a space, (N, v, 3) metres.
 
-    In a reduced space u = U q + L a; of the full space one frame is read at a time.
+    In a reduced space u = U q + L a, and of a condensed one what is beside it; of the full space one frame is read at a
+    time.
     """
     if space == "full":
         read = run.played.reader(motion)
         return lambda frames, vertices: np.stack([read(t, t + 1)[0][vertices] for t in frames.tolist()])
-    q = runs(run, space)[motion].coordinates
-    assert q is not None, "reduced runs keep their coordinates"
-    fields = run.basis_of(space).fields[:, :, : q.shape[1]]
+    coordinates, beside = runs(run, space)[motion].coordinates, residual(run, space, motion)
+    assert coordinates is not None, "reduced runs keep their coordinates"
+    q, fields = coordinates, run.basis_of(space).fields[:, :, : coordinates.shape[1]]
     if run.every_lifting.count:
         fields = np.concatenate([fields, run.every_lifting.fields.reshape(len(fields), 3, -1)], axis=2)
         q = np.hstack([q, run.every_lifting.coordinates(run.motions[motion].motion)[: len(q)]])
-    return lambda frames, vertices: np.einsum("tk,vik->tvi", q[frames], fields[vertices], optimize=True)
+
+    def displacement(frames: Indices, vertices: Indices | slice) -> Array:
+        u: Array = np.einsum("tk,vik->tvi", q[frames], fields[vertices], optimize=True)
+        if beside is not None:
+            for i, t in enumerate(frames.tolist()):
+                u[i] += beside(t, coordinates[t])[vertices]
+        return u
+
+    return displacement

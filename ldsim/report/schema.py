@@ -261,6 +261,7 @@ class RunNumbers(ReportSection):
     rest_residual_mm: Annotated[Number, _about("largest displacement of a vertex that the decoder gives the rest pose")]
     cubature: Cubatures
     simulate: SpaceRuns
+    window_seconds: Annotated[float, _about("after which restarted runs begin anew (simulate.window)")]
     space: Annotated[str, _about("what load, play and export use by default")]
     frontier: Annotated[list[FrontierRun], _about("every reduced space on every motion")]
     speedup: Speedups

@@ -17,6 +17,10 @@ def verdict(report: RunNumbers) -> Verdict:
     name = "latent space" if report.space == "latent" else "linear space"
     told = f"the {name} of {counted(runs[0].dimension or 0, 'number')}" if runs else f"the {name}"
     error, where = _error(report, runs)
+    stated = report.statement
+    if error is None and stated is not None and report.space in ("latent", "linear"):
+        why = f"{told} was lost in {stated[report.space].lost} of {stated.motions} fresh motions."
+        return Verdict(word="do not use", why=why)
     if error is None:
         lost = any(run.diverged for run in report.simulate.latent) if report.space == "latent" else bool(runs)
         return Verdict(

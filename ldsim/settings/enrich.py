@@ -163,12 +163,14 @@ def extended(settings: Settings, r: int, poor_fit: bool, helped: bool) -> tuple[
 
 def current(config: Path) -> Path:
     """The configuration to make: what rounds came to, as long as the one that it was made from is the same."""
+    if not config.is_file():  # whoever reads it says so
+        return config
     place = _enriched_of(config)
     try:
-        first = place.read_text(encoding="utf-8").partition("\n")[0]
+        first = place.read_bytes().partition(b"\n")[0].rstrip()
     except OSError:
         return config
-    return place if first == _heading(config) else config
+    return place if first == _heading(config).encode() else config
 
 
 def write_enriched(config: Path, settings: Settings) -> Path:

@@ -55,6 +55,8 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     Raises:
         LdsimError: the file cannot be read or does not fit the options, or the configuration is there already.
     """
+    if source.is_dir():
+        raise SettingsError(f"{source} is a folder; give a mesh, a surface or a configuration")
     described = source.suffix.lower() in CONFIGURATIONS
     _check_config(source, described, options.config)
     if described:

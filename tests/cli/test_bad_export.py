@@ -19,6 +19,12 @@ EXPORTS: dict[str, tuple[list[str], str]] = {
     "too few frames": (["--format", "ply", "--every", "99"], "leaves none of the 40 frames"),
     "another suffix": (["--format", "gltf", "--output", "a.mp4"], "expected '.glb'"),
     "a look of what is no picture": (["--format", "gltf", "--fps", "20"], "--fps, --size and --view are for webp"),
+    "a motion of a model": (
+        ["--format", "npz", "--motion", "a"],
+        "npz plays no motion; --motion and --every are for vtk",
+    ),
+    "a thinned library": (["--format", "c", "--every", "2"], "c plays no motion; --motion and --every are for vtk"),
+    "a space of all": (["--playground", "--space", "linear"], "holds every reduced space; --space is for vtk"),
     "a folder that exists": (["--format", "ply", "--output", "."], "exists already"),
 }
 
@@ -36,15 +42,22 @@ def test_an_export_that_does_not_suit(experiment: Experiment, case: str) -> None
 
 @pytest.mark.parametrize(
     ("option", "value", "words"),
-    [("--size", "1280", "is no size"), ("--size", "20x20", "is no size"), ("--view", "30", "such as 30,15, or front")],
+    [
+        ("--fps", "nan", "is not a finite number"),
+        ("--size", "1280", "is no size"),
+        ("--size", "20x20", "is no size"),
+        ("--view", "30", "such as 30,15, or front"),
+    ],
 )
 def test_a_look_that_is_none(option: str, value: str, words: str) -> None:
     result = CliRunner().invoke(main, ["export", "nowhere", "--format", "webp", option, value])
     assert result.exit_code == 2 and words in result.output
 
 
-@pytest.mark.parametrize("file", ["scene.h5", "basis.h5", "model.h5", "cubature.h5", "snapshots.h5"])
-@pytest.mark.parametrize("case", ARTEFACTS)
+BAD = [(f"{kind}.h5", case) for kind in ("scene", "basis", "model", "cubature", "snapshots") for case in ARTEFACTS]
+
+
+@pytest.mark.parametrize(("file", "case"), [bad for bad in BAD if bad != ("snapshots.h5", "missing")])
 def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, case: str) -> None:
     spoil, words = ARTEFACTS[case]
     spoil(experiment.run / file)
@@ -53,6 +66,13 @@ def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, ca
     assert file in message
     assert any(word in message for word in words), message
     assert experiment.finished() == before
+
+
+def test_a_model_is_exported_without_the_motions_that_it_was_made_from(experiment: Experiment) -> None:
+    (experiment.run / "snapshots.h5").unlink()
+    for options in (["--playground"], ["--format", "npz"]):
+        result = CliRunner().invoke(main, ["export", str(experiment.run), *options])
+        assert result.exit_code == 0, result.output
 
 
 def test_an_export_of_no_run(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
 from ldsim.export.arrays import model_arrays
+from ldsim.export.playback import playback
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline import condense, relaxed_poses, swing
@@ -23,6 +24,7 @@ from ldsim.pipeline.convergence import pull_errors
 from ldsim.pipeline.coordinates import combined, slowest
 from ldsim.pipeline.cubature import TrainingPoses
 from ldsim.pipeline.progress import SILENT
+from ldsim.report.runs import displacements
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
 from ldsim.space.basis import Basis
@@ -325,3 +327,23 @@ def test_poses_without_an_equilibrium_that_come_together_are_left_out(
     # of 24 poses the first eight and one beside each, and all six of the round of own runs
     assert result.exit_code == 0, result.output
     assert "28 of 60 poses have no stable equilibrium" in result.output
+
+
+def test_what_is_replayed_and_exported_is_as_far_from_the_full_space_as_the_errors_say(condensed: Experiment) -> None:
+    with Run(condensed.run) as run:
+        for name, trajectory in run.simulation["latent"].items():
+            full, errors = run.played.reader(name)(0, run.played.frames(name)), trajectory.mean_error
+            assert errors is not None and errors.max() > 0
+            played = playback(run, name, "latent")
+            frames = np.arange(played.frames)
+            exported = np.stack([played.displacement(frame) for frame in frames])
+            replayed = displacements(run, "latent", name)(frames, slice(None))
+            U, q = played.reduced("glTF")
+            columns = (q @ U.T).reshape(exported.shape)
+            for shown in (exported, replayed, columns):
+                off = np.linalg.norm(shown - full, axis=2).mean(axis=1)
+                np.testing.assert_allclose(off, errors, rtol=1e-3)
+            thin = played.thinned(2)
+            np.testing.assert_array_equal(thin.displacement(1), exported[3])
+            U, q = thin.reduced("USD")
+            np.testing.assert_allclose(q[1] @ U.T, exported[3].ravel(), atol=1e-5 * np.abs(exported).max())

@@ -195,3 +195,11 @@ def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> Non
     given = str(config(tmp_path))
     assert "is a configuration already" in refusal("record", given, "--config", str(tmp_path / "b.yaml"))
     assert "--cells needs mesh.surface" in refusal("record", given, "--cells", "100")
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [("make", "does not exist"), ("record", "is a folder; give a mesh, a surf")]
+)
+def test_a_folder_in_the_place_of_a_file(tmp_path: Path, command: str, words: str) -> None:
+    assert words in refused(CliRunner().invoke(main, [command, str(tmp_path)]))
+    assert words in refused(CliRunner().invoke(main, [command, "."]))

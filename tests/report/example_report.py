@@ -45,6 +45,7 @@ def example_report() -> dict[str, Any]:
                 _run("x_2", "test", 556, 0.243, 0.331, 12.21, 13.81, (0.3313, 0.1421, 52.81, 6.173)),
             ],
         },
+        "window_seconds": 0.375,
         "space": "latent",
         "frontier": [
             _rung("latent", 10, 32, "x_2", 0.243, 0.3313),

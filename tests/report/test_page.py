@@ -203,6 +203,10 @@ def test_the_animation_has_its_caption():
     assert "<figcaption>Motion</figcaption>" in page_of(example_report())
 
 
+def test_a_restarted_error_is_told_with_its_window():
+    assert page_of(example_report()).count("restarted every 0.375 s") == 2
+
+
 def test_every_entry_of_the_contents_leads_to_a_section():
     outline = Outline(page_of(example_report()))
     entries = [href for href in outline.values("a", "href") if href.startswith("#")]

@@ -146,6 +146,18 @@ def test_without_a_reduced_run_there_is_no_replay(run):
         assert make_replay(changed(other, "simulation", {})) is None
 
 
+def test_without_a_frame_that_was_not_lost_there_is_no_replay(run):
+    with Run(run.folder, run.experiment) as other:
+        lost = {
+            space: {
+                name: replace(each, coordinates=np.full_like(each.coordinates, np.nan), mean_error=None, max_error=None)
+                for name, each in other.simulation[space].items()
+            }
+            for space in ("linear", "latent")
+        }
+        assert make_replay(changed(other, "simulation", lost)) is None
+
+
 def test_quantising_loses_half_a_step_at_most():
     rng = np.random.default_rng(5)
     modes, rows = rng.normal(size=(60, 3)), rng.normal(size=(40, 3)) * [1.0, 1e-3, 0.0]

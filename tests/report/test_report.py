@@ -327,6 +327,14 @@ def test_a_statement_is_the_verdict_where_there_is_one():
     )
 
 
+def test_too_many_lost_fresh_motions_are_a_verdict_too():
+    report = example_report()
+    report["statement"]["latent"] |= {"error": None, "lost": 7}
+    found, motions = verdict(RunNumbers.model_validate(report)), report["statement"]["motions"]
+    assert found.word == "do not use"
+    assert found.why == f"the latent space of 10 numbers was lost in 7 of {motions} fresh motions."
+
+
 def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     with finished_run(folder) as run:
         report = built(run, ReportOptions())

@@ -111,6 +111,11 @@ def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_pa
     assert load_settings(place) == more
     config.write_text(f"{config.read_text('utf-8')}# another comment\n", encoding="utf-8")
     assert current(config) == config
+    place.write_bytes(b"\xff\n")
+    assert current(config) == config
+    config.unlink()
+    assert current(config) == config
+    assert current(tmp_path) == tmp_path
 
 
 def test_rounds_are_read_as_they_were_written(tmp_path: Path) -> None:
