@@ -56,7 +56,7 @@ PYTHON = {
     "README.md": 1,
     "batched.md": 3,
     "export.md": 2,
-    "python.md": 5,
+    "python.md": 6,
     "reduced_space.md": 2,
     "runtime.md": 2,
     "simulator.md": 7,
