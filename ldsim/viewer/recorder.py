@@ -104,8 +104,8 @@ class Recorder:
             self._drags.append(Drag(start, self._point, np.array(self._targets), self._radius, self._stiffness))
         self._point, self._targets = None, []
 
-    def prepare(self) -> None:
-        """Before each step: note the frame."""
+    def note(self) -> None:
+        """After each step: note its frame. One that failed is none."""
         if self.recording:
             if self._point is not None:
                 self._targets.append(self._target)

@@ -63,6 +63,10 @@ class Session:
         self._errors = Errors()
         self._records: list[list[StepRecord]] = []  # of each space shown, since the last frame
 
+    @property
+    def _recording(self) -> bool:
+        return self.recorder is not None and self.recorder.recording
+
     # What the server calls, from its own thread
 
     def tell(self, client: int, message: protocol.Message | None) -> bool:
@@ -110,9 +114,19 @@ class Session:
             self.publish()
         except Exception as error:
             self._reset()
-            self._audience.notice(f"back at rest, because of an error in a step: {error!r}")
+            self._audience.notice(f"back at rest, because of an error in a step: {error!r}{self._cut_short()}")
+            self._audience.status(self.status())
             return 0.0
         return debt
+
+    def _cut_short(self) -> str:
+        """End a recording whose solid is back at rest because of an error; returns what to say of it."""
+        if self.recorder is None or not self._recording:
+            return ""
+        try:
+            return f"; the recording ends before it, {self.recorder.record(False)}"
+        except Exception as lost:  # a second error here would end the stepping thread, and the page with it
+            return f"; the recording is lost: {lost}"
 
     def obey(self) -> None:
         """Do all that was told since the last time."""
@@ -149,13 +163,13 @@ class Session:
         self._records = self._records or [[] for _ in self._shown]
         for simulator, records in zip(self._shown, self._records, strict=True):
             records.append(simulator.step())
+        if self.recorder is not None:
+            self.recorder.note()
         self._errors.add(self._shown)
         self._simulated += self._shown[0].scene.time_step
 
     def _prepared(self) -> bool:
-        """Whether what is recorded or played goes on; a motion that belongs to another solid is told and ends."""
-        if self.recorder is not None:
-            self.recorder.prepare()
+        """Whether what is played goes on; a motion that belongs to another solid is told and ends."""
         try:
             return self.player.prepare(self._shown)
         except LdsimError as error:
@@ -169,8 +183,7 @@ class Session:
         present = self._records or [[] for _ in self._shown]
         pairs = zip(self._shown, present, strict=True)
         spaces = [space_frame(simulator, steps, self._errors.of(simulator.space.name)) for simulator, steps in pairs]
-        recording = self.recorder is not None and self.recorder.recording
-        flags = self.look.paused + 2 * recording + 4 * self.player.playing
+        flags = self.look.paused + 2 * self._recording + 4 * self.player.playing
         grabs = self._played_grabs() if self.player.playing else self.hands.frames()
         self._audience.frame(frame_bytes(self._number, self._simulated, self.look.speed, flags, spaces, grabs))
         self._records = []
@@ -237,6 +250,8 @@ class Session:
             case protocol.ButtonMessage(kind="undo"):
                 self._undo()
             case protocol.ButtonMessage():
+                if self._recording:
+                    raise LdsimError("a recording does not go back to rest; stop it, then record another take")
                 self._remember()
                 self._reset()
             case protocol.SpacesMessage():
@@ -288,7 +303,7 @@ class Session:
 
     def _refuse_while(self, what: str) -> None:
         """A recording's file holds neither gravity nor stiffness, and no undo."""
-        if self.player.playing or (self.recorder is not None and self.recorder.recording):
+        if self.player.playing or self._recording:
             raise LdsimError(f"{what} while a motion is recorded or played; stop first")
 
     def _condition(self) -> None:
@@ -305,13 +320,12 @@ class Session:
 
     def _remember(self) -> bool:
         """Keep the pose for an undo; not while a recording runs, which has none."""
-        recording = self.recorder is not None and self.recorder.recording
-        if not recording:
+        if not self._recording:
             self.hands.remember(self._shown, self._simulated)
-        return not recording
+        return not self._recording
 
     def _undo(self) -> None:
-        if self.recorder is not None and self.recorder.recording:
+        if self._recording:
             raise LdsimError("a recording has no undo; stop it, and delete the take")
         self._stop_playing()
         self._simulated = self.hands.undo(self._shown)
@@ -346,7 +360,7 @@ class Session:
         self._audience.notice(self.recorder.record(value))
 
     def _take(self, message: protocol.WordMessage) -> None:
-        if self.recorder is not None and self.recorder.recording:
+        if self._recording:
             raise LdsimError("stop first; then choose or delete a take")
         if message.kind == "take":
             self.player.choose(message.value)
@@ -359,7 +373,7 @@ class Session:
         if not value:
             self._stop_playing()
             return
-        if self.recorder is not None and self.recorder.recording:
+        if self._recording:
             raise LdsimError("stop the recording first; then play it back")
         self._remember()
         self._reset()

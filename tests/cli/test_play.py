@@ -149,7 +149,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     recorder = served[0]._session.recorder
     for _ in range(2):
         recorder.record(True)
-        recorder.prepare()
+        recorder.note()
         recorder.record(False)
     assert load_settings(made).snapshot.motions[1].recording == "../m-2.csv"
     recorder.discard("m-2")

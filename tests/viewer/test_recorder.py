@@ -24,9 +24,9 @@ TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
 
 def steps(recorder: Recorder, simulator: Simulator, count: int) -> None:
     for _ in range(count):
-        recorder.prepare()
         recorder.player.prepare([simulator])
         simulator.step()
+        recorder.note()
 
 
 def record(path: Path) -> tuple[Recorder, Simulator, Array]:

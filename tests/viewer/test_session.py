@@ -11,12 +11,15 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import LdsimError
 from ldsim.mechanics.motion import Drag, Motion
-from ldsim.simulator import Simulator, load
+from ldsim.mechanics.recording import read_recording
+from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer import protocol
 from ldsim.viewer.colours import rounded_up
 from ldsim.viewer.player import PlayedMotion
+from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience, Errors
+from tests.simulator.playable import solid
 
 
 def session_of(playable: Path, said: list[str]) -> Session:
@@ -171,6 +174,67 @@ def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(
     assert not session.player.playing and len(session._shown[0].grabs) == len(session.hands.held) == 1
     told(session, protocol.ButtonMessage(kind="undo"), protocol.ButtonMessage(kind="undo"))
     assert session._simulated == 0.0
+
+
+def recording_session(path: Path, said: list[str]) -> Session:
+    simulator = full_simulator(solid(1))
+    session = Session(lambda _: simulator, ["full"], [simulator], Recorder(path, (25.0, 0.03), {}))
+    session._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, said.append)
+    return session
+
+
+def hold(session: Session, at: tuple[float, float, float]) -> protocol.GrabMessage:
+    """Pull upward at the vertex that is nearest at rest, with the one hand of a recording."""
+    simulator = session._shown[0]
+    vertices = simulator.scene.mesh.vertices
+    point = vertices[np.linalg.norm(vertices - at, axis=1).argmin()]
+    target = point + [0.0, 0.02, 0.0]
+    message = protocol.GrabMessage(id=1, point=tuple(point.tolist()), target=tuple(target.tolist()))
+    told(session, message)
+    return message
+
+
+RECORD, STOP = (protocol.SwitchMessage(kind="record", value=value) for value in (True, False))
+
+
+def test_a_recording_does_not_go_back_to_rest_under_the_hand(tmp_path: Path) -> None:
+    said: list[str] = []
+    session = recording_session(tmp_path / "m.csv", said)
+    told(session, RECORD)
+    first = hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 3)
+    moved = session._shown[0].displacement()
+    told(session, protocol.ButtonMessage(kind="reset"))
+    assert said[-1] == "a recording does not go back to rest; stop it, then record another take"
+    np.testing.assert_array_equal(session._shown[0].displacement(), moved)
+    hold(session, (0.5, 0.0, 0.0))  # there is but one hand, and it still holds
+    stepped(session, 2)
+    told(session, STOP)
+    (drag,) = read_recording(tmp_path / "m.csv", "m").drags
+    np.testing.assert_array_equal(drag.point, first.point)
+    np.testing.assert_array_equal(drag.targets, [first.target] * 5)
+
+
+def test_an_error_in_a_step_ends_a_recording_with_the_frames_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    session = recording_session(tmp_path / "m.csv", said)
+    told(session, RECORD)
+    first = hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 3)
+    with monkeypatch.context() as broken:
+        broken.setattr(Simulator, "step", lambda _: 1 / 0)
+        session._tick(1.0)
+    path = tmp_path / "m.csv"
+    assert said[-1].endswith(
+        f"in a step: {ZeroDivisionError('division by zero')!r}; the recording ends before it, {path}: 3 frames, 1 pull"
+    )
+    hold(session, (0.5, 0.0, 0.0))
+    stepped(session, 2)
+    motion = read_recording(path, "m")
+    np.testing.assert_array_equal(motion.drags[0].targets, [first.target] * 3)
+    assert motion.frames == 3 and not session._recording
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0.0, 0.0), (1.0, 1.0), (1.01, 2.0), (420.0, 500.0), (0.0051, 0.01)])
