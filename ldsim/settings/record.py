@@ -25,6 +25,7 @@ from ldsim.settings.new import Given, NewOptions, configuration, seen, with_reco
 from ldsim.viewer.recorder import Recorder
 
 CONFIGURATIONS = (".yaml", ".yml")
+RECORDING = Path("motion.csv")
 # Tets of a surface, few enough for the hand.
 COARSE_CELLS = 2000
 
@@ -32,7 +33,9 @@ COARSE_CELLS = 2000
 class RecordOptions(Given):
     """On what a motion is recorded by hand, and where to; for a MESH file also what is known of the solid."""
 
-    output: Annotated[Path, Field(description="The recording.")] = Path("motion.csv")
+    output: Annotated[
+        Path | None, Field(description="The recording, a new file; else motion.csv here, or motion-2.csv and so on.")
+    ] = None
     mesh: Annotated[Path | None, Field(description="A coarser mesh of the configuration's solid.")] = None
     resolution: Annotated[
         int | None, Field(ge=1, le=64, description="Of the configuration's shape, where it has one.")
@@ -53,12 +56,15 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     with every other; without a take there is none.
 
     Raises:
-        LdsimError: the file cannot be read or does not fit the options, or the configuration is there already.
+        LdsimError: the file cannot be read or does not fit the options, or the configuration or the recording is there
+            already.
     """
     if source.is_dir():
         raise SettingsError(f"{source} is a folder; give a mesh, a surface or a configuration")
     described = source.suffix.lower() in CONFIGURATIONS
     _check_config(source, described, options.config)
+    if options.output is not None and options.output.exists():
+        raise SettingsError(f"{options.output} exists already; give another --output")
     if described:
         settings = load_settings(source)
         section = _coarser(settings.mesh, source, options)
@@ -70,7 +76,7 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
     motion = None if options.play is None else read_recording(options.play, options.play.stem)
     grip = (options.stiffness or stiffness, options.radius or radius)
     written = partial(_write_configuration, options.config, text)
-    return scene, Recorder(options.output, grip, notes, motion, written)
+    return scene, Recorder(options.output or RECORDING, grip, notes, motion, written)
 
 
 def _grip(settings: Settings, scene: Scene) -> tuple[float, float]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
 
 from ldsim.arrays import Array
-from ldsim.errors import MotionError
+from ldsim.artefacts.atomic import replacing
+from ldsim.errors import LdsimError, MotionError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import write_recording
 from ldsim.simulator import Handle, Simulator
@@ -19,8 +21,8 @@ class Recorder:
     """One hand on one solid, frame by frame.
 
     Args:
-        path: the file that the first take is written to; an older one is replaced. Further takes lie beside it, as
-            motion-2.csv and so on.
+        path: the file that a take is written to; where there is one already, the first free of motion-2.csv and so on
+            beside it.
         stiffness, radius: of every grab, N/m and m.
         notes: further lines of the file.
         motion: what can be played back before anything is recorded.
@@ -49,7 +51,6 @@ class Recorder:
         self.player = Player({} if motion is None else {motion.name: PlayedMotion(motion)})
         self._takes_changed = takes_changed
         self._files: dict[str, Path] = {}
-        self._count = 0
         self.recording = False
         self._frames = 0
         self._drags: list[Drag] = []
@@ -59,23 +60,42 @@ class Recorder:
 
     def status(self) -> dict[str, object]:
         """What the page shows of it."""
-        return {"recording": self.recording, "file": self._path.name}
+        return {"recording": self.recording, "file": self._free().name}
 
     def record(self, value: bool) -> str:
-        """Start a recording from rest, or end it and write the file; returns what to say."""
+        """Start a recording from rest, or end it and write the file; returns what to say.
+
+        Raises:
+            MotionError: the file cannot be written, and the take is lost.
+        """
         self.recording = value
         if value:
             self._frames, self._drags, self._targets, self._point = 0, [], [], None
             return "recording: pull on the solid"
         self.release()
-        self._count += 1
-        path = self._path if self._count == 1 else self._path.with_stem(f"{self._path.stem}-{self._count}")
+        path = self._free()
         motion = Motion(path.stem, self._frames, tuple(self._drags))
-        write_recording(path, motion, self._notes)
+        self._write(path, motion)
         self.player.add(path.stem, PlayedMotion(motion))
         self._files[path.stem] = path
         self._takes_changed([*self._files.values()])
         return f"{path}: {self._frames} frames, {len(self._drags)} pull{'s' * (len(self._drags) != 1)}"
+
+    def _free(self) -> Path:
+        """Where the next take goes: no recording by hand is ever replaced by another."""
+        further = (self._path.with_stem(f"{self._path.stem}-{number}") for number in count(2))
+        return next(path for path in chain([self._path], further) if not path.exists())
+
+    def _write(self, path: Path, motion: Motion) -> None:
+        """Whole or not at all."""
+        try:
+            with replacing(path) as temporary:
+                write_recording(temporary, motion, self._notes)
+        except LdsimError as error:
+            reason = error.__cause__.strerror if isinstance(error.__cause__, OSError) else error
+            raise MotionError(
+                f"recording {path} cannot be written: {reason}; this take is lost: make room, then record another"
+            ) from error
 
     def discard(self, take: str) -> None:
         """Forget a take, and delete its file where it was recorded here."""

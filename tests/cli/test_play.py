@@ -16,6 +16,8 @@ import yaml
 from click.testing import CliRunner
 
 from ldsim.cli.app import main
+from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.recording import write_recording
 from ldsim.pipeline.files import resolve_path
 from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.progress import SILENT
@@ -119,6 +121,9 @@ def test_a_port_in_use_is_refused(playable: Path) -> None:
 
 def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
     given = config(tmp_path)
+    mine = tmp_path / "mine.csv"
+    write_recording(mine, Motion("mine", 3, ()))
+    before = mine.read_bytes()
     for arguments, words in (
         (["record", str(tmp_path / "no.yaml")], "does not exist"),
         (["record", str(tmp_path / "no.mesh")], "no.mesh"),
@@ -127,8 +132,28 @@ def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
         (["record", str(given), "--resolution", "0"], "resolution: input should be greater than or equal to 1, got 0"),
         (["record", str(given), "--resolution", "24"], "up to 3000 can be recorded on by hand"),
         (["record", str(given), "--output", str(tmp_path / "no" / "m.csv")], "cannot be written"),
+        (["record", str(given), "--output", str(mine)], f"{mine} exists already; give another --output"),
+        (["record", str(given), "--play", str(mine), "--output", str(mine)], f"{mine} exists already"),
     ):
         assert words in refusal(*arguments, "--no-browser")
+    assert mine.read_bytes() == before
+
+
+def test_without_an_output_a_take_goes_to_the_first_free_name_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served = []
+    monkeypatch.setattr("ldsim.cli.record.serve", lambda server, *_: served.append(server))
+    given = config(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for expected in ("motion.csv", "motion-2.csv"):
+        played = ["--play", "motion.csv"] if served else []
+        result = CliRunner().invoke(main, ["record", str(given), *played])
+        assert result.exit_code == 0, result.output
+        recorder = served[-1]._session.recorder
+        recorder.record(True)
+        recorder.note()
+        assert recorder.record(False).startswith(f"{expected}: 1 frame")
 
 
 @pytest.mark.parametrize(("name", "content"), [("one.mesh", ONE), ("a solid.off", TETRAHEDRON)])

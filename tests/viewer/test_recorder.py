@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -90,11 +91,43 @@ def test_with_nothing_recorded_there_is_nothing_to_play(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="cannot be written"):
         Recorder(tmp_path / "nowhere" / "m.csv", (25.0, 0.03), {})
-    (tmp_path / "folder").mkdir()
-    recorder = Recorder(tmp_path / "folder", (25.0, 0.03), {})
+
+
+def test_a_take_that_cannot_be_written_is_told_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, text: str, encoding: str) -> None:
+        path.write_bytes(text[:50].encode(encoding))
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    recorder, simulator = Recorder(tmp_path / "m.csv", (25.0, 0.03), {}), full_simulator(BODY)
     recorder.record(True)
-    with pytest.raises(MotionError, match="cannot be written"):
-        recorder.record(False)
+    steps(recorder, simulator, 2)
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "write_text", full)
+        with pytest.raises(MotionError, match=r"m\.csv cannot be written: No space left on device; this take is lost"):
+            recorder.record(False)
+    assert not any(tmp_path.iterdir()) and not recorder.recording and not recorder.player.pieces
+    recorder.record(True)
+    steps(recorder, simulator, 2)
+    recorder.record(False)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+
+
+def test_a_take_replaces_no_file(tmp_path: Path) -> None:
+    for name in ("m.csv", "m-3.csv"):
+        (tmp_path / name).write_text("by hand")
+    recorder, simulator = Recorder(tmp_path / "m.csv", (25.0, 0.03), {}), full_simulator(BODY)
+    for expected in ("m-2.csv", "m-4.csv"):
+        assert recorder.status()["file"] == expected
+        recorder.record(True)
+        steps(recorder, simulator, 2)
+        assert expected in recorder.record(False)
+    assert {name: (tmp_path / name).read_text() for name in ("m.csv", "m-3.csv")} == {
+        "m.csv": "by hand",
+        "m-3.csv": "by hand",
+    }
+    assert read_recording(tmp_path / "m-4.csv", "m").frames == 2
 
 
 def test_every_recording_is_a_take_until_it_is_deleted(tmp_path: Path) -> None:
