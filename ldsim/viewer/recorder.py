@@ -63,7 +63,7 @@ class Recorder:
         return {"recording": self.recording, "file": self._free().name}
 
     def record(self, value: bool) -> str:
-        """Start a recording from rest, or end it and write the file; returns what to say.
+        """Start a recording from rest, or end it and write the file, where it has a frame; returns what to say.
 
         Raises:
             MotionError: the file cannot be written, and the take is lost.
@@ -73,6 +73,8 @@ class Recorder:
             self._frames, self._drags, self._targets, self._point = 0, [], [], None
             return "recording: pull on the solid"
         self.release()
+        if not self._frames:
+            return "nothing was recorded, as no time went by; no file is written"
         path = self._free()
         motion = Motion(path.stem, self._frames, tuple(self._drags))
         self._write(path, motion)

@@ -356,8 +356,9 @@ class Session:
     def _record(self, value: bool) -> None:
         if self.recorder is None:
             raise LdsimError("nothing is recorded here; `ldsim record` does")
-        self._reset()
-        self._audience.notice(self.recorder.record(value))
+        if value != self.recorder.recording:  # two pages may both have seen the button as it was
+            self._reset()
+            self._audience.notice(self.recorder.record(value))
 
     def _take(self, message: protocol.WordMessage) -> None:
         if self._recording:

@@ -196,6 +196,7 @@ def test_a_solid_that_is_recorded_on_is_that_of_the_configuration(tmp_path: Path
     options = RecordOptions(pin="z-min", output=tmp_path / "m.csv", config=made, youngs_modulus=2e6)
     scene, recorder = recording_scene(source, options)
     recorder.record(True)
+    recorder.note()
     recorder.record(False)
     again, _ = described_scene(load_settings(made).mesh, SILENT, tmp_path)
     assert tuple(scene.gravity) == (0, 0, -9.8)

@@ -114,6 +114,13 @@ def test_a_take_that_cannot_be_written_is_told_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
 
 
+def test_a_take_without_frames_is_not_written(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "m.csv", (25.0, 0.03), {})
+    recorder.record(True)
+    assert recorder.record(False) == "nothing was recorded, as no time went by; no file is written"
+    assert not any(tmp_path.iterdir()) and not recorder.recording and not recorder.player.pieces
+
+
 def test_a_take_replaces_no_file(tmp_path: Path) -> None:
     for name in ("m.csv", "m-3.csv"):
         (tmp_path / name).write_text("by hand")

@@ -215,6 +215,26 @@ def test_a_recording_does_not_go_back_to_rest_under_the_hand(tmp_path: Path) -> 
     np.testing.assert_array_equal(drag.targets, [first.target] * 5)
 
 
+def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_again(tmp_path: Path) -> None:
+    said: list[str] = []
+    session = recording_session(tmp_path / "m.csv", said)
+    told(session, STOP)
+    assert not said
+    told(session, RECORD)
+    hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 3)
+    told(session, RECORD)
+    stepped(session, 2)
+    told(session, STOP)
+    hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 1)
+    told(session, STOP)
+    assert session.hands.held and len(said) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
+    motion = read_recording(tmp_path / "m.csv", "m")
+    assert motion.frames == 5 and [(drag.start, drag.stop) for drag in motion.drags] == [(0, 5)]
+
+
 def test_an_error_in_a_step_ends_a_recording_with_the_frames_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
