@@ -140,6 +140,7 @@ class Session:
                 changed |= self._do(client, message)
             except LdsimError as error:
                 self._audience.notice(str(error))
+                changed = True  # the page may show what it asked for, which is not what is
         if changed:
             self._audience.status(self.status())
 

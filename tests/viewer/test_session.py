@@ -177,8 +177,13 @@ def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(
 
 
 def recording_session(path: Path, said: list[str]) -> Session:
+    """On the full space of a beam; further spaces are offered, and cannot be opened."""
     simulator = full_simulator(solid(1))
-    session = Session(lambda _: simulator, ["full"], [simulator], Recorder(path, (25.0, 0.03), {}))
+
+    def missing(space: str) -> Simulator:
+        raise LdsimError(f"there is no {space} space")
+
+    session = Session(missing, ["full", "latent"], [simulator], Recorder(path, (25.0, 0.03), {}))
     session._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, said.append)
     return session
 
@@ -233,6 +238,44 @@ def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_ag
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
     motion = read_recording(tmp_path / "m.csv", "m")
     assert motion.frames == 5 and [(drag.start, drag.stop) for drag in motion.drags] == [(0, 5)]
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (protocol.NumberMessage(kind="stiffness", value=3.0), "stiffness stays as it is"),
+        (protocol.GravityMessage(value=(0.0, 0.0, 0.0)), "gravity stays as it is"),
+        (protocol.SpacesMessage(value=("full", "latent")), "there is no latent space"),
+    ],
+    ids=["stiffness", "gravity", "space"],
+)
+def test_what_is_refused_is_followed_by_what_the_controls_shall_show(
+    tmp_path: Path, message: protocol.Message, words: str
+) -> None:
+    said: list[str] = []
+    session = recording_session(tmp_path / "m.csv", said)
+    told(session, RECORD)
+    statuses: list[dict[str, object]] = []
+    session._audience.status = statuses.append
+    before = session.status()
+    told(session, message)
+    assert words in said[-1] and statuses == [before]
+
+
+def test_a_take_that_cannot_be_written_leaves_the_button_to_record_another(tmp_path: Path) -> None:
+    said: list[str] = []
+    folder = tmp_path / "takes"
+    folder.mkdir()
+    session = recording_session(folder / "m.csv", said)
+    told(session, RECORD)
+    stepped(session, 2)
+    folder.rmdir()
+    folder.touch()
+    statuses: list[dict[str, object]] = []
+    session._audience.status = statuses.append
+    told(session, STOP)
+    assert "m.csv cannot be written" in said[-1]
+    assert [status["recorder"] for status in statuses] == [{"recording": False, "file": "m.csv"}]
 
 
 def test_an_error_in_a_step_ends_a_recording_with_the_frames_before_it(
