@@ -24,6 +24,8 @@ from ldsim.viewer.state import Audience, Errors, PageLook, space_frame
 TICK = 1 / 60
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
+# Messages that wait to be obeyed.
+MOST_WAITING = 1000
 
 
 class Session:
@@ -56,7 +58,7 @@ class Session:
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = PageLook((x, y, z))
         self.hands = Hands()
-        self._told: queue.Queue[tuple[int, protocol.Message | None]] = queue.Queue(maxsize=1000)
+        self._told: queue.SimpleQueue[tuple[int, protocol.Message | None]] = queue.SimpleQueue()
         self._watched, self._stopped = threading.Event(), threading.Event()
         self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
         self._number, self._simulated = 0, 0.0
@@ -70,11 +72,13 @@ class Session:
     # What the server calls, from its own thread
 
     def tell(self, client: int, message: protocol.Message | None) -> bool:
-        """Pass on a message, or with None that a page has left; false where too many wait already."""
-        try:
-            self._told.put_nowait((client, message))
-        except queue.Full:
+        """Pass on a message, or with None that a page has left; false where too many messages wait already.
+
+        That a page has left is always passed on, behind all that it said before: what it holds would be held for ever.
+        """
+        if message is not None and self._told.qsize() >= MOST_WAITING:
             return False
+        self._told.put((client, message))
         return True
 
     def watch(self, audience: Audience) -> None:

@@ -83,6 +83,19 @@ def test_a_pull_at_a_pinned_place_is_told(playable: Path) -> None:
     assert len(said) == 1 and "pinned" in said[0]
 
 
+def test_a_page_that_leaves_lets_go_however_many_messages_wait(playable: Path) -> None:
+    session = session_of(playable, [])
+    pull(session, session._shown[0])
+    assert session.hands.held
+    waiting = 0
+    while session.tell(2, protocol.MoveMessage(id=9, target=(0.0, 0.0, 0.0))):
+        waiting += 1
+        assert waiting < 100_000
+    assert session.tell(1, None)
+    session.obey()
+    assert not session.hands.held and not session._shown[0].grabs
+
+
 def told(session: Session, *messages: protocol.Message) -> None:
     for message in messages:
         session.tell(1, message)
