@@ -11,7 +11,7 @@ from ldsim.mechanics.scene import Scene
 from ldsim.report.camera import first_look
 from ldsim.report.runs import tests_first
 from ldsim.report.schema import ROLE_NAMES
-from ldsim.run import SPACES, Run
+from ldsim.run import AUTO, SPACES, Run
 from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer.payload import solid_block
 from ldsim.viewer.player import PlayedMotion, Player
@@ -32,7 +32,7 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
         ArtefactError: what the spaces need is missing or stale.
         LdsimError: the full space is asked for on a mesh that is too fine.
     """
-    first = [load(run, space, seconds=STEP_SECONDS) for space in dict.fromkeys(spaces)]
+    first = [load(run, space, seconds=STEP_SECONDS) for space in _named(run, spaces)]
     scene = first[0].scene
     coarse = scene.mesh.n_vertices <= FULL_VERTICES
     if "full" in spaces and not coarse:
@@ -46,6 +46,14 @@ def play_server(run: Path, spaces: Sequence[str], port: int, until_closed: bool)
     offered += [simulator.space.name for simulator in first if simulator.space.name not in offered]
     session = Session(lambda space: load(run, space, seconds=STEP_SECONDS), offered, first, _player(run))
     return Server(session, _solid(first, run.resolve().name, "play"), port, until_closed)
+
+
+def _named(folder: Path, spaces: Sequence[str]) -> list[str]:
+    """Each space once, by its own name: "auto" is one of the others."""
+    if AUTO not in spaces:
+        return list(dict.fromkeys(spaces))
+    with Run.open(folder) as run:
+        return list(dict.fromkeys(run.chosen if space == AUTO else space for space in spaces))
 
 
 def _player(folder: Path) -> Player:

@@ -257,6 +257,11 @@ def test_a_server_until_closed_ends_by_itself(playable: Path) -> None:
             time.sleep(0.1)
 
 
+def test_a_space_that_is_named_twice_is_shown_once(playable: Path) -> None:
+    session = play_server(playable, ["linear", "auto", "latent", "linear"], 0, until_closed=False)._session
+    assert [simulator.space.name for simulator in session._shown] == ["linear", "latent"]
+
+
 def test_a_port_in_use_is_told(playable: Path, url: str) -> None:
     port = urlsplit(url).port
     server: Server = play_server(playable, ["latent"], port or 0, until_closed=False)
