@@ -242,6 +242,26 @@ def test_spaces_side_by_side_colours_points_and_mesh_are_drawn_without_complaint
     tab.wait("document.querySelectorAll('#statistics tr').length === 1")
 
 
+def turn(tab: Tab, name: str, on: bool) -> None:
+    """Show a space, or no longer."""
+    tab.evaluate(f"[...document.querySelectorAll('.space')].find((b) => b.textContent === '{name}').click()")
+    shown = 1 + on
+    tab.wait(f"ldsim.stage.shapes.length === {shown} && document.querySelectorAll('#statistics tr').length === {shown}")
+    drawn = tab.evaluate("ldsim.drawn")
+    tab.wait(f"ldsim.drawn > {drawn} + 1")
+
+
+def test_a_space_that_could_not_be_fetched_is_asked_for_again(tab: Tab) -> None:
+    tab.evaluate(
+        "(() => { const fetched = window.fetch; let failures = 2; window.fetch = (name, ...more) => "
+        "name === 'space/linear' && failures-- > 0 ? Promise.reject(new TypeError('cut off')) : fetched(name, ...more)"
+        "; })()"
+    )
+    turn(tab, "Linear", on=True)
+    assert "(cut off); trying again" in tab.evaluate("document.getElementById('notice').textContent")
+    turn(tab, "Linear", on=False)
+
+
 def test_a_lost_connection_is_told_and_taken_up_again(tab: Tab) -> None:
     tab.evaluate("ldsim.source.socket.close()")
     tab.wait("document.body.classList.contains('lost')")

@@ -7,6 +7,7 @@ import { Local } from "./local.js";
 import { Panel } from "./panel.js";
 import { Stage } from "./stage.js";
 
+const RETRY = 1000; // ms
 const UNITS = { energy: "J/m³", stress: "Pa" };
 class Page {
   /** source: a Link to the server, or what steps in the page; solid: its block. */
@@ -72,7 +73,16 @@ class Page {
     if (status.spaces.join() === this.shown.join()) return;
     this.shown = status.spaces;
     const missing = status.spaces.filter((name) => !this.blocks.has(name));
-    for (const name of missing) this.blocks.set(name, await this.source.space(name));
+    try {
+      for (const name of missing) this.blocks.set(name, await this.source.space(name));
+    } catch (error) {
+      if (this.shown !== status.spaces) return;
+      this.shown = []; // the next status asks again, and where none comes, the last one does
+      clearTimeout(this.retrying);
+      this.retrying = setTimeout(() => this.setStatus(this.panel.status), RETRY);
+      this.panel.notice(`A space could not be fetched (${error.message}); trying again …`);
+      return;
+    }
     if (this.shown !== status.spaces) return;
     this.stage.setSpaces(status.spaces.map((name) => this.blocks.get(name)));
     for (const shape of this.stage.shapes) {
