@@ -297,6 +297,48 @@ def test_the_gpu_decodes_what_the_cpu_does(browser: Tab, url: str, playable: Pat
         np.testing.assert_allclose(decoded, expected(sim), atol=1e-6)
 
 
+# Counts what is on the graphics card, by kind.
+COUNTING = """
+window.onCard = {};
+for (const kind of ["Buffer", "Framebuffer", "Program", "Shader", "Texture", "VertexArray"]) {
+  const gl = WebGL2RenderingContext.prototype, live = new Set();
+  const made = gl[`create${kind}`], deleted = gl[`delete${kind}`];
+  gl[`create${kind}`] = function (...given) {
+    const one = made.apply(this, given);
+    live.add(one);
+    return one;
+  };
+  gl[`delete${kind}`] = function (one) {
+    live.delete(one);
+    deleted.call(this, one);
+  };
+  Object.defineProperty(onCard, kind, { get: () => live.size, enumerable: true });
+}
+"""
+
+
+@pytest.mark.parametrize("decode", ["gpu", "cpu"])
+def test_a_space_that_is_no_longer_shown_leaves_nothing_on_the_graphics_card(
+    browser: Tab, url: str, decode: str
+) -> None:
+    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=COUNTING)
+    try:
+        for tab in opened(browser, f"{url}?decode={decode}"):
+            click(tab, "points")
+            drawn = tab.evaluate("ldsim.drawn")
+            tab.wait(f"ldsim.drawn > {drawn} + 1")
+            before = tab.evaluate("({ ...onCard })")
+            for name in ("Linear", "Full"):
+                turn(tab, name, on=True)
+                more = tab.evaluate("({ ...onCard })")
+                assert more["Buffer"] > before["Buffer"] and more["VertexArray"] > before["VertexArray"]
+                turn(tab, name, on=False)
+                assert tab.evaluate("({ ...onCard })") == before
+            assert before["Shader"] == 0
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+
+
 def test_a_pull_is_recorded_in_the_browser_and_played_back(browser: Tab, tmp_path: Path) -> None:
     body = solid(1)
     recorder = Recorder(tmp_path / "motion.csv", (25.0, 0.05), {"recorded_on": "beam"})

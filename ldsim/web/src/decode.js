@@ -73,6 +73,16 @@ export class GpuDecoder {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   }
 
+  /** Frees what it has on the graphics card, which a garbage collector may leave there for long. */
+  dispose() {
+    const { gl } = this;
+    for (const { program, values, texture, frame } of [this.positions, this.normals]) {
+      gl.deleteProgram(program.program);
+      gl.deleteFramebuffer(frame);
+      for (const each of [texture, ...Object.values(values)]) if (each instanceof WebGLTexture) gl.deleteTexture(each);
+    }
+  }
+
   /** The positions as the GPU has them, (3v); slow, for tests. */
   read(count) {
     const { gl } = this, { width, height, frame } = this.positions, texels = new Float32Array(4 * width * height);

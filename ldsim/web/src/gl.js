@@ -12,6 +12,7 @@ export class Program {
       gl.shaderSource(shader, HEAD + text);
       gl.compileShader(shader);
       gl.attachShader(this.program, shader);
+      gl.deleteShader(shader); // goes with the program
     }
     gl.linkProgram(this.program);
     if (!gl.getProgramParameter(this.program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(this.program) || "shader");
@@ -41,6 +42,14 @@ export class Program {
       else gl.uniformMatrix4fv(place, false, value);
     }
   }
+}
+
+/** Deletes a vertex array, and the buffers that it reads. */
+export function deleteArray(gl, array) {
+  gl.bindVertexArray(array);
+  const read = [0, 1, 2, 3, 4].map((place) => gl.getVertexAttrib(place, gl.VERTEX_ATTRIB_ARRAY_BUFFER_BINDING));
+  for (const buffer of [...read, gl.getParameter(gl.ELEMENT_ARRAY_BUFFER_BINDING)]) gl.deleteBuffer(buffer);
+  gl.deleteVertexArray(array);
 }
 
 /** A texture whose texels are read one by one, or by comparison where it holds depths. */

@@ -120,7 +120,7 @@ export class Stage {
 
   /** The spaces of these blocks, side by side. */
   setSpaces(spaces) {
-    for (const { body } of this.shapes) this.view.gl.deleteVertexArray(body.array);
+    for (const { body } of this.shapes) body.dispose();
     const middle = (spaces.length - 1) / 2;
     this.shapes = spaces.map((space, i) => new Shape(this, space, this.right.map((x) => (i - middle) * this.aside * x)));
     this.grabs = []; // those of the next frame fit the spaces

@@ -1,7 +1,7 @@
 // Draws moving surfaces with WebGL 2: solids lit by one lamp, their shadows on each other and on a floor, and points.
 
 import { lampProjection } from "./camera.js";
-import { Program, attribute, isSoftware, target, texture, update } from "./gl.js";
+import { Program, attribute, deleteArray, isSoftware, target, texture, update } from "./gl.js";
 import { normalised } from "./vector.js";
 import depthShader from "./shaders/depth.frag.glsl";
 import floorFragment from "./shaders/floor.frag.glsl";
@@ -66,6 +66,12 @@ export class Body {
     update(gl, this.pointBuffer, points);
     program.use({ ...values, offset });
     gl.drawArrays(gl.POINTS, 0, points.length / 3);
+  }
+
+  /** Frees what it has on the graphics card; it is not drawn again. */
+  dispose() {
+    for (const array of [this.array, this.pointArray]) if (array) deleteArray(this.gl, array);
+    this.decoder?.dispose();
   }
 }
 
