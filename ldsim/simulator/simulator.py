@@ -364,6 +364,8 @@ class Simulator:
         if not self._stepper.within(saved.state, self._limit):
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
         self._state, self.held, self._number = saved.state, dict(saved.grabs), saved.number
+        # another simulator may have saved it: what is grabbed from now on must not take the place of its grabs
+        self._next_key = max(self._next_key, 1 + max(saved.grabs, default=-1))
         self._before = saved.before
         self._pins = saved.pins
         self._change(saved.gravity, saved.material_scale)

@@ -84,6 +84,16 @@ def test_a_restored_state_continues_as_it_did(kind: int) -> None:
         np.testing.assert_allclose(simulator.displacement(), expected, atol=1e-10)
 
 
+def test_a_grab_after_restoring_what_another_simulator_saved_leaves_its_grabs_alone() -> None:
+    first, second = reduced(), reduced()
+    pulls = [first.grab(TIP, TIP + UP, stiffness=k) for k in (40.0, 20.0)]
+    second.restore(first.save())
+    own = second.grab(TIP, TIP - UP, stiffness=10.0)
+    assert [grab.stiffness for grab in second.grabs] == [40.0, 20.0, 10.0]
+    own.release()
+    assert [pull.on(second).grab.stiffness for pull in pulls] == [40.0, 20.0]
+
+
 def test_what_is_restored_must_be_of_this_space_and_sane() -> None:
     latent, linear, full = every_kind()
     with pytest.raises(SolverError, match="of another space than reduced"):
