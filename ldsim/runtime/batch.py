@@ -84,9 +84,21 @@ class BatchedSimulator:
     def grab(
         self, point: ArrayLike, targets: ArrayLike, stiffness: float | None = None, radius: float | None = None
     ) -> Indices:
-        """Take hold of each instance near a point, (3,) or (n, 3), and pull it to its target; numbers of the grabs."""
-        pairs = zip(self.solids, self._each(point), self._each(targets), strict=True)
-        return np.array([solid.grab(at, to, stiffness, radius) for solid, at, to in pairs], dtype=np.int64)
+        """Take hold of each instance near a point, (3,) or (n, 3), and pull it to its target; numbers of the grabs.
+
+        Raises:
+            SolverError: an instance refuses; none is held then that was not before.
+        """
+        grabs = list[int]()
+        try:
+            for solid, at, to in zip(self.solids, self._each(point), self._each(targets), strict=True):
+                grabs.append(solid.grab(at, to, stiffness, radius))
+        except Exception:
+            # their numbers would be lost, and they could never be let go
+            for solid, grab in zip(self.solids, grabs, strict=False):
+                solid.release(grab)
+            raise
+        return np.array(grabs, dtype=np.int64)
 
     def move(self, grabs: Indices, targets: ArrayLike) -> None:
         for solid, grab, target in zip(self.solids, grabs.tolist(), self._each(targets), strict=True):

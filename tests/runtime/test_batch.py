@@ -49,6 +49,18 @@ def test_instances_step_to_the_last_bit_as_one_by_one(library: Library, threads:
     assert not batch.z.any()
 
 
+def test_where_one_instance_refuses_to_be_grabbed_none_is_held(library: Library) -> None:
+    space = latent()
+    batch = BatchedSimulator(NativeModel(library, model_bytes(space)), 3, 1, max_grabs=1)
+    x = space.scene.mesh.vertices
+    tip, away = x[x[:, 0].argmax()], np.full(3, 99.0)
+    with pytest.raises(SolverError, match="farther from the solid"):
+        batch.grab([tip, tip, away], tip + 0.1)
+    batch.step()
+    assert np.ptp(batch.z, axis=0).max() == 0
+    batch.release(batch.grab(tip, tip + 0.1))  # there is room for one grab each
+
+
 def test_a_run_and_the_file_that_was_exported_from_it_are_loaded_in_a_line(tmp_path: Path, library: Library) -> None:
     write_run(tmp_path)
     batch = BatchedSimulator.load(tmp_path, 4, "latent")
