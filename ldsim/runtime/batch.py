@@ -114,7 +114,11 @@ class BatchedSimulator:
             solid.set_gravity(own)
 
     def step(self, steps: int = 1) -> NDArray[np.int64]:
-        """So many steps of every instance; outcomes of the last ones, (n,), numbers of ldsim_outcome: 0 is solved."""
+        """So many steps of every instance; outcomes of the last ones, (n,), numbers of ldsim_outcome: 0 is solved.
+
+        Raises:
+            ValueError: the number of steps is not positive.
+        """
         starts, stops = self._bounds[:-1].tolist(), self._bounds[1:].tolist()
         if self._pool is None:
             self._piece(0, len(self), steps)
@@ -139,7 +143,7 @@ class BatchedSimulator:
 
     def _piece(self, start: int, stop: int, steps: int) -> None:
         first, records = byref(self._pointers, start * sizeof(c_void_p)), byref(self._records, start * sizeof(Record))
-        self.model.library("step_many", first, stop - start, steps, records)
+        self.model.step_many(first, stop - start, steps, records)
 
     def _each(self, values: ArrayLike) -> Array:
         return np.broadcast_to(np.asarray(values, dtype=np.float64), (len(self), 3))

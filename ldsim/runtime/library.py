@@ -140,6 +140,16 @@ class NativeModel:
     def __del__(self) -> None:
         self.library("free", self.pointer)
 
+    def step_many(self, first: Any, count: int, steps: int, records: Any = None) -> None:
+        """So many steps of each of some of its solids, from a pointer to the first of their pointers.
+
+        Raises:
+            ValueError: the number of steps is not positive.
+        """
+        if steps < 1:  # as an unsigned number, -1 would be four billion
+            raise ValueError(f"step count is {steps}; it must be at least 1")
+        self.library("step_many", first, count, steps, records)
+
 
 class NativeSolid:
     """One solid of a model, at rest at first; see ldsim.h for what its functions do.
@@ -209,8 +219,12 @@ class NativeSolid:
         return record.iterations, record.evaluations, REASONS[record.reason], outcome
 
     def step_many(self, count: int) -> None:
-        """So many steps by one call."""
-        self._call("step_many", byref(self.pointer), 1, count, None, solid=False)
+        """So many steps by one call.
+
+        Raises:
+            ValueError: the count is not positive.
+        """
+        self.model.step_many(byref(self.pointer), 1, count)
 
     def reset(self) -> None:
         self._call("reset")

@@ -61,6 +61,17 @@ def test_where_one_instance_refuses_to_be_grabbed_none_is_held(library: Library)
     batch.release(batch.grab(tip, tip + 0.1))  # there is room for one grab each
 
 
+@pytest.mark.parametrize("count", [0, -(2**32) + 1])
+def test_no_steps_and_fewer_are_refused_and_nothing_steps(library: Library, count: int) -> None:
+    """The negative one would be a single step as an unsigned number."""
+    model = NativeModel(library, model_bytes(latent()))
+    solid, batches = NativeSolid(model), [BatchedSimulator(model, 2, threads) for threads in (1, 2)]
+    for step in (solid.step_many, *(batch.step for batch in batches)):
+        with pytest.raises(ValueError, match=f"step count is {count}; it must be at least 1"):
+            step(count)
+    assert not solid.z.any() and not any(batch.z.any() for batch in batches)
+
+
 def test_a_run_and_the_file_that_was_exported_from_it_are_loaded_in_a_line(tmp_path: Path, library: Library) -> None:
     write_run(tmp_path)
     batch = BatchedSimulator.load(tmp_path, 4, "latent")
