@@ -4,6 +4,7 @@
  * modelDescription.xml. A communication step takes as many steps of the model as end within it. */
 #include "ldsim.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -350,13 +351,14 @@ API(SetDebugLogging)(void *u, boolean on, size_t count, const char *const names[
     return (void)u, (void)on, (void)count, (void)names, OK;
 }
 
-/* The path in a URI such as file:///a%20b, in place. */
+/* The path in a URI such as file:///a%20b, in place; a % that no two hexadecimal digits follow is itself. */
 static void unescape(char *path)
 {
     char *to = path;
-    unsigned code;
     for (const char *from = path; *from; to++) {
-        if (*from == '%' && sscanf(from + 1, "%2x", &code) == 1) *to = (char)code, from += 3;
+        const int escaped = *from == '%' && isxdigit((unsigned char)from[1]) && isxdigit((unsigned char)from[2]);
+        const char code[3] = {escaped ? from[1] : 0, escaped ? from[2] : 0, 0};
+        if (escaped) *to = (char)strtoul(code, NULL, 16), from += 3;
         else *to = *from++;
     }
     *to = 0;
