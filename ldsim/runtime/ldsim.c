@@ -2217,10 +2217,9 @@ ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
     int lost = last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found);
     if (last.reason == LDSIM_NO_DECREASE && !lost) { /* again, with a new preconditioner */
         copy_renewed(S, &S->now, &S->start);
-        last = try_step(S, &S->start, &S->second);
-        iterations += last.iterations, evaluations += last.evaluations;
-        if (last.reason == LDSIM_INFINITE_START) lost = 1;
-        else if (!out_of_bounds(S, &S->second)) found = &S->second;
+        const solution second = try_step(S, &S->start, &S->second);
+        iterations += second.iterations, evaluations += second.evaluations;
+        if (second.reason != LDSIM_INFINITE_START && !out_of_bounds(S, &S->second)) found = &S->second, last = second;
     }
     ldsim_outcome outcome = last.reason == LDSIM_CONVERGED ? LDSIM_SOLVED : LDSIM_SHORT;
     if (lost) { /* from standstill */

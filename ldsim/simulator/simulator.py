@@ -235,36 +235,43 @@ class Simulator:
     def _step(self) -> StepRecord:
         started = time.perf_counter()
         before = self._state
-        self._state, tries, outcome = self._attempt(Loads(tuple(self.grabs), self._gravity, self._pins))
+        self._state, solution, outcome = self._attempt(Loads(tuple(self.grabs), self._gravity, self._pins))
         self._before = before if outcome in (Outcome.SOLVED, Outcome.SHORT) else self._state.standing()
         self._number += 1
         self.counts[outcome] += 1
         self.last = StepRecord(
             self._number,
             time.perf_counter() - started,
-            sum(solution.iterations for solution in tries),
-            sum(solution.evaluations for solution in tries),
-            tries[-1].reason,
-            tries[-1].gradient_norm,
+            solution.iterations,
+            solution.evaluations,
+            solution.reason,
+            solution.gradient_norm,
             outcome,
         )
         return self.last
 
-    def _attempt(self, loads: Loads) -> tuple[Any, list[Solution], Outcome]:
-        """The next state: in motion, else with what was kept from earlier steps renewed, else from standstill."""
-        tries = list[Solution]()
+    def _attempt(self, loads: Loads) -> tuple[Any, Solution, Outcome]:
+        """The next state: in motion, else with what was kept from earlier steps renewed, else from standstill.
+
+        The solution is that of the state returned, but for iterations and evaluations, which are those of all tries.
+        """
         state, solution = self._tried(self._state, loads)
-        tries.append(solution)
-        if solution.reason == Reason.NO_DECREASE and not self._lost(state, solution):
-            other, solution = self._tried(self._state.renewed(), loads)
+        tries, lost = [solution], self._lost(state, solution)
+        if solution.reason == Reason.NO_DECREASE and not lost:
+            other, second = self._tried(self._state.renewed(), loads)
+            tries.append(second)
+            if not self._lost(other, second):
+                state, solution = other, second
+        outcome = Outcome.SOLVED if solution.converged else Outcome.SHORT
+        if lost:
+            standing = self._state.standing()
+            state, solution = self._tried(standing, loads)
             tries.append(solution)
-            state = other if not self._lost(other, solution) else state
-        if not self._lost(state, solution):
-            return state, tries, Outcome.SOLVED if solution.converged else Outcome.SHORT
-        standing = self._state.standing()
-        state, solution = self._tried(standing, loads)
-        tries.append(solution)
-        return (standing, tries, Outcome.HELD) if self._lost(state, solution) else (state, tries, Outcome.SLOWED)
+            state, outcome = (standing, Outcome.HELD) if self._lost(state, solution) else (state, Outcome.SLOWED)
+        counted = solution._replace(
+            iterations=sum(each.iterations for each in tries), evaluations=sum(each.evaluations for each in tries)
+        )
+        return state, counted, outcome
 
     def _tried(self, state: Any, loads: Loads) -> tuple[Any, Solution]:
         """A step; one that cannot even be begun, as where no factor can be made, led nowhere."""

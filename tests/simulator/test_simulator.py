@@ -11,10 +11,7 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
-from ldsim.mechanics.loads import Loads
-from ldsim.optimise.solution import Reason, Solution
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
@@ -22,6 +19,7 @@ from ldsim.space.pca import orthonormalised
 from reproduction.bench.soak import soak
 from tests.helpers import reduced_space
 from tests.simulator.playable import curved_decoder, modes
+from tests.simulator.reluctant import ENDINGS, Reluctant
 from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced, unit_basis
 
 
@@ -123,37 +121,20 @@ def test_a_step_out_of_bounds_is_not_taken_and_told() -> None:
     assert not simulator.displacement().any() and simulator.last is None and simulator.counts[Outcome.HELD] == 0
 
 
-class Reluctant(Stepper[ReducedState]):
-    """Ends its first steps for the given reasons before it goes on as another."""
-
-    def __init__(self, other: ReducedStepper, reasons: list[Reason]) -> None:
-        self._other, self._reasons = other, reasons
-        self.rest, self.stiffened = other.rest, other.stiffened  # type: ignore[method-assign, assignment]
-        self.coordinates, self.displacement = other.coordinates, other.displacement  # type: ignore[method-assign]
-        self.within = other.within  # type: ignore[method-assign]
-
-    def step(self, state: ReducedState, loads: Loads) -> tuple[ReducedState, Solution]:
-        advanced, solution = self._other.step(state, loads)
-        return advanced, solution._replace(reason=self._reasons.pop(0)) if self._reasons else solution
-
-
-@pytest.mark.parametrize(
-    ("reasons", "outcome"),
-    [
-        ([Reason.NO_DECREASE], Outcome.SOLVED),
-        ([Reason.NO_DECREASE, Reason.NO_DECREASE], Outcome.SHORT),
-        ([Reason.ITERATIONS_SPENT], Outcome.SHORT),
-        ([Reason.INFINITE_START], Outcome.SLOWED),
-        ([Reason.INFINITE_START, Reason.INFINITE_START], Outcome.HELD),
-    ],
-)
-def test_a_step_that_fails_is_tried_again_before_it_is_given_up(reasons: list[Reason], outcome: Outcome) -> None:
-    space = reduced_space(BODY, modes(BODY), curved_decoder())
-    stepper = ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500))
-    simulator = Simulator(space, Reluctant(stepper, reasons))
+@pytest.mark.parametrize("name", ENDINGS)
+def test_a_step_that_fails_is_tried_again_and_told_as_the_try_that_was_taken(name: str) -> None:
+    space, ending = reduced_space(BODY, modes(BODY), curved_decoder()), ENDINGS[name]
+    stepper = Reluctant(ReducedStepper(space, ReducedOptions(tolerance=1e-9, max_iterations=500)), ending.tries)
+    simulator = Simulator(space, stepper)
     record = simulator.step()
-    assert record.outcome == outcome
-    assert (record.message == "") == (outcome == Outcome.SOLVED)
+    assert (record.outcome, record.reason) == (ending.outcome, ending.reason)
+    assert record.gradient_norm == ending.taken
+    assert (record.message == "") == (ending.outcome == Outcome.SOLVED)
+    assert record.iterations == sum(solution.iterations for _, solution in stepper.made)
+    assert record.evaluations == sum(solution.evaluations for _, solution in stepper.made)
+    if ending.outcome != Outcome.HELD:
+        taken = stepper.made[ending.taken][0]
+        np.testing.assert_array_equal(simulator.coordinates, stepper.coordinates(taken))
     assert np.isfinite(simulator.displacement()).all()
     assert simulator.step().outcome == Outcome.SOLVED
 
