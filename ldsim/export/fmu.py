@@ -24,6 +24,8 @@ from ldsim.space.space import Space
 
 GRABS, TRACKS = 4, 4
 GRAVITY, NOVELTY, GRAB, TRACK, PER_GRAB, PER_TRACK = 1, 4, 100, 300, 20, 10
+# Of a grab that is held the library changes nothing but the target: to take it anew is to hold other vertices.
+TAKEN = "when held becomes true"
 # Both are read from the same zip: the unit's library must bear the name of its model.
 IDENTIFIER = "ldsim_solid"
 UNITS = {
@@ -57,9 +59,12 @@ def variables(space: Space) -> Iterator[Variable]:
         at, name = GRAB + PER_GRAB * g, f"grab[{g + 1}]"
         yield Variable(at, f"{name}.held", "input", "whether the solid is held", False)
         yield from _vector(at + 1, f"{name}.target", "input", "where the held vertices are pulled to", "m", far)
-        yield from _vector(at + 4, f"{name}.point", "input", "where hold is taken, of the deformed solid", "m", far)
-        yield Variable(at + 7, f"{name}.stiffness", "input", "of the pull, 0 for the usual one", 0.0, "N/m")
-        yield Variable(at + 8, f"{name}.radius", "input", "within which vertices are held, 0: the usual one", 0.0, "m")
+        yield from _vector(
+            at + 4, f"{name}.point", "input", f"where on the deformed solid hold is taken {TAKEN}", "m", far
+        )
+        usual = f"0 for the usual one; read {TAKEN}"
+        yield Variable(at + 7, f"{name}.stiffness", "input", f"of the pull, {usual}", 0.0, "N/m")
+        yield Variable(at + 8, f"{name}.radius", "input", f"within which vertices are held, {usual}", 0.0, "m")
         yield from _vector(at + 9, f"{name}.force", "output", "on the solid", "N")
     for t in range(TRACKS):
         at, name = TRACK + PER_TRACK * t, f"track[{t + 1}]"

@@ -70,6 +70,7 @@ class Unit:
         from fmpy.fmi3 import FMU3Slave
 
         described = fmpy.read_model_description(str(file), validate=True)
+        self.meaning = {variable.name: variable.description or "" for variable in described.modelVariables}
         self.names = {variable.name: variable.valueReference for variable in described.modelVariables}
         self.second = described.fmiVersion.startswith("2")
         kind = FMU2Slave if self.second else FMU3Slave
@@ -142,6 +143,39 @@ def test_a_unit_is_valid_and_steps_as_the_library(made: tuple[Space, Path], tmp_
         unit.call("setFMUstate", again)
         unit.step((TAKEN + 5) * h, 3 * h)
         np.testing.assert_array_equal(unit.get("track[2].position"), positions[TAKEN + 7])
+    unit.unit.terminate()
+    unit.unit.freeInstance()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_read_when_hold_is_taken_says_so_and_changes_nothing_while_it_is_held(
+    made: tuple[Space, Path], tmp_path: Path, version: int
+) -> None:
+    space, folder = made
+    unit, h, (tip, target) = (
+        Unit(folder / f"solid-fmi{version}.fmu", tmp_path),
+        space.scene.time_step,
+        tip_and_target(space),
+    )
+    taken = {"grab[1].point": tip, "grab[1].stiffness": 60.0, "grab[1].radius": 0.02}
+    others = {"grab[1].point": tip - 0.02, "grab[1].stiffness": 20.0, "grab[1].radius": 0.05}
+    said = {name.removesuffix("[1]") for name, meaning in unit.meaning.items() if "when held becomes true" in meaning}
+    assert {f"grab[{g}].{name}" for g in range(1, 5) for name in ("point", "stiffness", "radius")} <= said
+    unit.begin(**{"track[1].at": tip})
+    unit.set({**taken, "grab[1].target": target, "grab[1].held": True})
+    unit.step(0.0, 2 * h)
+    state, found = unit.call("getFMUstate"), []
+    for held in (True, False):
+        for given in (taken, others):
+            unit.call("setFMUstate", state)
+            unit.set({**given, "grab[1].held": held})
+            unit.step(2 * h, h)
+            unit.set({"grab[1].held": True})
+            unit.step(3 * h, h)
+            found.append(unit.get("track[1].position"))
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.abs(found[2] - found[3]).max() > 1e-6 * space.scene.mesh.diagonal
+    unit.call("freeFMUstate", state)
     unit.unit.terminate()
     unit.unit.freeInstance()
 
