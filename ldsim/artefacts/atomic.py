@@ -6,7 +6,10 @@ import contextlib
 import glob
 import io
 import os
+import platform
+import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +17,13 @@ import h5py
 
 from ldsim.artefacts.sealed_file import BLOCK, seal
 from ldsim.errors import ArtefactError
+
+# Temporary names tell who writes: a disk may be shared by machines, and a process is known only on its own.
+HOST = re.sub(r"\W", "_", platform.node())[:40]
+# On Windows os.kill ends the process that it is to ask for.
+KNOWS_PROCESSES = os.name == "posix"
+# What a writer of which nothing is known has not touched for so long it has left, seconds.
+FORGOTTEN = 24 * 3600.0
 
 
 @contextlib.contextmanager
@@ -40,7 +50,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    temporary = temporary_name(path)
     try:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,15 +62,43 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def temporary_name(path: Path, kind: str = "partial") -> Path:
+    """What this process calls an artefact that is not whole yet, or, with the kind "old", one that is replaced."""
+    return path.with_name(f".{path.name}.{HOST}-{os.getpid()}.{kind}")
+
+
 def remove_leftovers(path: Path) -> None:
     """Remove the temporary files and folders of processes that were killed while they wrote this artefact."""
     for leftover in path.parent.glob(f".{glob.escape(path.name)}.*"):
         *_, writer, kind = leftover.name.split(".")
-        if kind in ("partial", "old") and writer.isdecimal() and not Path("/proc", writer).exists():
+        if kind in ("partial", "old") and _is_left(leftover, writer):
             if leftover.is_dir():
                 shutil.rmtree(leftover, ignore_errors=True)
             else:
                 leftover.unlink(missing_ok=True)
+
+
+def _is_left(temporary: Path, writer: str) -> bool:
+    """Whether nobody writes it any more: its process is gone or, where that is not known, it has long not changed."""
+    host, _, process = writer.rpartition("-")
+    if not process.isdecimal():
+        return False
+    if host == HOST and KNOWS_PROCESSES:
+        return not _lives(int(process))
+    try:
+        return time.time() - temporary.stat().st_mtime > FORGOTTEN
+    except OSError:  # it has just taken its name
+        return False
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True
 
 
 class _Sink(io.RawIOBase):
@@ -147,8 +185,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     Raises:
         ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    retired = path.with_name(f".{path.name}.{os.getpid()}.old")
+    temporary, retired = temporary_name(path), temporary_name(path, "old")
     try:
         with writing(path):
             shutil.rmtree(temporary, ignore_errors=True)

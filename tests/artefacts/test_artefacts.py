@@ -280,9 +280,11 @@ def test_values_that_do_not_fit_the_schema_are_not_written(tmp_path: Path) -> No
 
 @every_kind
 def test_what_a_killed_writer_left_is_removed_by_the_next(kind: str, artefact: Path) -> None:
-    ours, dead = (artefact.with_name(f".{artefact.name}.{number}.partial") for number in (os.getpid(), 2**22 + 1))
+    ours, dead = (
+        artefact.with_name(f".{artefact.name}.{atomic.HOST}-{number}.partial") for number in (os.getpid(), 2**22 + 1)
+    )
     dead.write_bytes(b"half a file")
-    living = artefact.with_name(f".{artefact.name}.{os.getppid()}.partial")
+    living = artefact.with_name(f".{artefact.name}.{atomic.HOST}-{os.getppid()}.partial")
     living.write_bytes(b"somebody is writing")
     EXAMPLES[kind].write(artefact, header(kind))
     assert not dead.exists()
