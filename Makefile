@@ -92,8 +92,9 @@ site: $(ENVIRONMENT) ## the documentation as a site with search and live pages o
 	@$(foreach run,$(FINISHED),$(LDSIM) export $(RUNS)/$(run) --playground &&) true
 	$(VENV)/bin/python -m mkdocs build --strict
 
+# Without a name it would be the folder of all runs.
 clean: ## remove the files of the experiment
-	rm -rf $(RUN)
+	$(if $(strip $(EXPERIMENT)),,$(error EXPERIMENT is empty; name the one whose files to remove, as in make clean EXPERIMENT=demo))rm -rf $(RUN)
 
 help: ## this list
 	@echo "make [GOAL] [EXPERIMENT=$(EXPERIMENT)]: EXPERIMENT names a file in configs/, its files lie in runs/EXPERIMENT/"

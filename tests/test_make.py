@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,13 @@ class Project:
 
     def make(self, *arguments: str, status: int = 0) -> str:
         """What make said on stdout."""
+        return self._made(arguments, status).stdout
+
+    def refusal(self, *arguments: str) -> str:
+        """What make said on stderr before it did anything."""
+        return self._made(arguments, 2).stderr
+
+    def _made(self, arguments: Sequence[str], status: int) -> subprocess.CompletedProcess[str]:
         variables = {
             "EXPERIMENT": "tiny",
             "CONFIG": str(self.config),
@@ -50,7 +58,7 @@ class Project:
         command = ["make", *(f"{name}={value}" for name, value in variables.items()), *arguments]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         assert done.returncode == status, done.stderr
-        return done.stdout
+        return done
 
     def stages(self, *arguments: str, status: int = 0) -> list[str]:
         """The stages that make started, or with -n would start."""
@@ -161,3 +169,14 @@ def test_the_tests_do_not_see_the_environment_of_who_runs_them() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
     done = subprocess.run(command, cwd=ROOT, env=os.environ | callers, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("name", ["", " "])
+def test_cleaning_without_a_name_removes_nothing_and_asks_for_one(name: str, tmp_path: Path) -> None:
+    project = Project(tmp_path)
+    (project.run / "report").mkdir(parents=True)
+    (tmp_path / "runs" / "other").mkdir()
+    assert "EXPERIMENT is empty" in project.refusal("clean", f"EXPERIMENT={name}")
+    assert project.run.exists()
+    project.make("clean")
+    assert not project.run.exists() and (tmp_path / "runs" / "other").exists()
