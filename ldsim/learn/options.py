@@ -56,9 +56,12 @@ class TrainOptions(Options):
     condensed: Annotated[CondensedOptions, Field(description="Of a condensed space.")] = CondensedOptions()
 
     r: Annotated[
-        int | None, Field(ge=1, description="Latent dimension; left out, the smallest that meets the tolerance (condensed: that is enough).")
+        int | None,
+        Field(ge=1, description="Latent dimension; left out, the smallest within tolerance_mm, or that is enough."),
     ] = None
-    tolerance_mm: Annotated[Positive, Field(description="Largest vertex error that the search of an autoencoder allows, mm.")] = 6.0
+    tolerance_mm: Annotated[
+        Positive, Field(description="Largest vertex error that the search of an autoencoder allows, mm.")
+    ] = 6.0
     hidden: Annotated[
         tuple[Width, ...], Field(min_length=1, description="Widths of the hidden layers of the decoder.")
     ] = (100, 100)
