@@ -18,7 +18,9 @@ def test_every_format_writes_its_file_or_folder(run: Run, tmp_path: Path, name: 
     wanted = FORMATS[name]
     if wanted.extra is not None and wanted.extra.missing:
         pytest.skip(f"{wanted.extra.module} is not installed: {wanted.extra.install}")
-    path, what = export(run, Choice(name, "push", "latent", every=4), tmp_path / f"out{wanted.suffix}")
+    space = "auto" if wanted.model else "latent"
+    choice = Choice(name, "push", space, every=4) if wanted.motion else Choice(name, space=space)
+    path, what = export(run, choice, tmp_path / f"out{wanted.suffix}")
     assert path.is_file() if wanted.suffix else any(path.iterdir())
     model = "the reduced model" if wanted.model else "the model of the latent space"
     assert what == ("2 frames of push in the latent space" if wanted.motion else model)
