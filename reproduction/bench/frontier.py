@@ -6,8 +6,10 @@ Each configuration trains one kind of latent space on the same scene, motions an
 virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
 same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything is
 made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
-that was not so. Beside a condensed space stand two floors, the errors of linear elasticity in the full space and in the
-condensed one, which tell how nonlinear each motion is. Results go to reproduction/results/frontier_<experiment>.json.
+that was not so. With `--farther 1.5` the synthetic pulls go half as far again, as own pulls of a condensed space do;
+their experiment is <experiment>_far. Beside a condensed space stand two floors, the errors of linear elasticity in the
+full space and in the condensed one, which tell how nonlinear each motion is. Results go to
+reproduction/results/frontier_<experiment>.json.
 """
 
 from __future__ import annotations
@@ -53,16 +55,24 @@ def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
     return settings.model_copy(update={"experiment": first.experiment, "train": train, "cubature": cubature})
 
 
+def farther(settings: Settings, times: float) -> Settings:
+    """A configuration whose synthetic pulls go so many times as far, of an experiment of its own."""
+    synthetic = settings.pca.synthetic
+    if times == 1 or synthetic is None:
+        return settings
+    pca = settings.pca.replace(synthetic=synthetic.replace(reach=times * synthetic.reach))
+    return settings.model_copy(update={"experiment": f"{settings.experiment}_far", "pca": pca})
+
+
 def made(
-    configurations: Sequence[Path], runs: Path, again: bool, seeds: Sequence[int] = SEEDS
+    configurations: dict[Path, Settings], runs: Path, again: bool, seeds: Sequence[int] = SEEDS
 ) -> Iterator[tuple[str, int, Path]]:
     """Kind, seed and folder of every run, all made before the first is stepped."""
-    wanted, first = [], load_settings(configurations[0])
-    shared = finished(runs / first.experiment, first, ONCE, configurations[0].parent)
-    for path in configurations:
-        settings = first if path == configurations[0] else load_settings(path)
+    wanted, (place, first) = [], next(iter(configurations.items()))
+    shared = finished(runs / first.experiment, first, ONCE, place.parent)
+    for path, settings in configurations.items():
         if other := [name for name in ONCE if settings.section(name) != first.section(name)]:
-            raise SettingsError(f"{path} has another section {other[0]} than {configurations[0]}; they share one run")
+            raise SettingsError(f"{path} has another section {other[0]} than {place}; they share one run")
         for seed in seeds:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
             own = seeded(settings, seed, first)
@@ -206,10 +216,12 @@ def main() -> None:
     arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
     arguments.add_argument("--seeds", type=int, choices=SEEDS, default=len(SEEDS), help="how many of them")
     arguments.add_argument("--again", action="store_true", help="step the motions anew")
+    arguments.add_argument("--farther", type=float, default=1.0, help="synthetic pulls go so many times as far")
     given = arguments.parse_args()
-    rows, model, seen = list[Row](), load_settings(given.configurations[0]).experiment, set[int]()
+    configurations = {path: farther(load_settings(path), given.farther) for path in given.configurations}
+    rows, model, seen = list[Row](), configurations[given.configurations[0]].experiment, set[int]()
     seeds = SEEDS[: given.seeds]
-    for kind, seed, folder in made(given.configurations, given.runs.resolve(), given.again, seeds):
+    for kind, seed, folder in made(configurations, given.runs.resolve(), given.again, seeds):
         with Run.open(folder) as run:
             rows += rows_of(model, kind, seed, run, linear=seed not in seen)
             seen.add(seed)

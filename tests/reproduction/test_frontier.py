@@ -11,7 +11,7 @@ from ldsim.report.frontier import on_motions, on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.bench.condensed import GOALS, asked
-from reproduction.bench.frontier import ERROR, STEP, compared, marks, over_seeds, picture, rows_of, seeded
+from reproduction.bench.frontier import ERROR, STEP, compared, farther, marks, over_seeds, picture, rows_of, seeded
 from reproduction.harness import ROOT, Row, row
 from tests.report.small_run import ROLES, write_run
 
@@ -144,3 +144,14 @@ def test_configurations_of_other_names_are_seeded_as_one_experiment_whose_linear
     assert own.train.seed == own.cubature.seed == again.cubature.seed == 3
     assert own.cubature.linear_sizes == ()
     assert again.cubature.linear_sizes == first.cubature.linear_sizes != ()
+
+
+def test_synthetic_pulls_go_farther_and_nothing_else_changes() -> None:
+    near = load_settings(ROOT / "reproduction" / "bench" / "frontier_demo.yaml")
+    far = farther(near, 1.5)
+    assert near.pca.synthetic is not None and far.pca.synthetic is not None
+    assert far.pca.synthetic.reach == 1.5 * near.pca.synthetic.reach
+    assert far.experiment == "demo_far"
+    same = near.pca.replace(synthetic=near.pca.synthetic)
+    assert far.model_copy(update={"experiment": "demo", "pca": same}) == near
+    assert farther(near, 1) is near
