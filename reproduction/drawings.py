@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from reproduction.bench import cubature, frontier, full_space, space, step_frontier
+from reproduction.bench import cubature, frontier, full_space, space
 from reproduction.harness import RESULTS, Row
 
-STEPPED = re.compile(r"median step, (\w+) (\d+), k (\d+), (\d+) points, stop (\S+) N, (\w+)")
 FRAME = re.compile(r"median dragging frame, (\d+) cells")
 
 
@@ -31,26 +30,6 @@ def drawings() -> Iterator[tuple[str, str, Path]]:
             start = "error, held-out poses, "
             for model in sorted({r["model"] for r in rows if r["quantity"].startswith(start)}):
                 yield f"cubature_{model}.svg", cubature.picture(rows, model), file
-        elif file.stem.startswith("step_") and (table := points(rows)):
-            for motion in dict.fromkeys(point.motion for point in table):
-                yield f"step_{name}_{motion}.svg", step_frontier.picture(name, motion, table), file
-
-
-def points(rows: list[Row]) -> list[step_frontier.Point]:
-    """The table that `step_frontier.rows` was given, by the labels of its rows; minimisers are not among them."""
-    value = {r["quantity"]: np.nan if r["value"] is None else r["value"] for r in rows}
-    found = []
-    for quantity in value:
-        if told := STEPPED.fullmatch(quantity):
-            label = quantity.removeprefix("median step, ")
-            kinds = ("median step", "99th percentile", "evaluations a step", "online error", "windowed error")
-            found.append(
-                step_frontier.Point(
-                    *(told[1], told[6], int(told[2]), int(told[3]), int(told[4]), float(told[5]), ""),
-                    *(value[f"{kind}, {label}"] for kind in kinds),
-                )
-            )
-    return found
 
 
 def _scaling(rows: list[Row]) -> str:

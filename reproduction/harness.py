@@ -40,6 +40,8 @@ CONFIGS = ROOT / "configs"
 
 # Rooms whose code decides what a result is.
 COMPUTES = [f"ldsim/{room}" for room in ("mesh", "mechanics", "space", "cubature", "learn", "dynamics", "optimise")]
+# And what stages do with it.
+PIPELINE = [*COMPUTES, "ldsim/pipeline"]
 
 Row = dict[str, Any]
 Stage = Callable[[Run, Settings, Progress, Path], object]

@@ -2,8 +2,8 @@
 
 In a page stands
 
-    <!-- number: pipeline.json | demo | online error, latent, pulls_1 | {:.1%} -->5.8%<!-- /number -->
-    <!-- table: pipeline.json | motions --> … <!-- /table -->
+    <!-- number: demo.json | demo | online error, latent, pulls_1 | {:.1%} -->5.8%<!-- /number -->
+    <!-- table: demo.json | motions --> … <!-- /table -->
     <!-- stale: numbers --> … <!-- /stale -->
 
 and what is between the two comments is written anew from the file; a test fails where they differ. A table ends in

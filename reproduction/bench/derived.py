@@ -22,12 +22,12 @@ from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from ldsim.settings.enrich import current
-from reproduction.harness import ROOT, Row, called, linked, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, ROOT, Row, called, linked, parser, row, rows_before, show, write_results
 
 NAME, ASKED = "derived", 5.0
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
 SHARED = ("scene", "snapshots", "tests")
-INPUTS = ("ldsim/settings", *(f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "pipeline")))
+INPUTS = (*PIPELINE, "ldsim/settings")
 KINDS = {"derived": "latent", "derived, its linear space": "linear"}
 
 

@@ -18,7 +18,7 @@ from ldsim.pipeline.convergence import pull_errors
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from ldsim.settings.new import NewOptions, new
-from reproduction.harness import Row, called, finished, parser, row, show, write_results
+from reproduction.harness import PIPELINE, Row, called, finished, parser, row, show, write_results
 
 NAME = "enrichment"
 # Shapes, cubes across their thinnest sides, and the coordinates of their spaces.
@@ -31,7 +31,6 @@ HALF = 2
 # Relaxed poses in all, of these in each of two rounds; gradients of the last fit; pulls that judge.
 POSES, EXPLORED, STEPS, JUDGES = 320, 80, 3000, 20
 STAGES = ("mesh", "snapshot", "pca", "train")
-INPUTS = ("ldsim/pipeline/condense.py", "ldsim/pipeline/relaxed_poses.py", "ldsim/learn/condensed.py")
 
 
 def configured(base: Settings, pulls: int, own: bool, seed: int, r: int) -> Settings:
@@ -99,7 +98,7 @@ def main() -> None:
     for name in SOLIDS:
         rows += of_solid(name, given.runs.resolve())
         show(rows, name)
-        write_results(NAME, called(NAME), rows, inputs=INPUTS)
+        write_results(NAME, called(NAME), rows, inputs=PIPELINE)
 
 
 if __name__ == "__main__":

@@ -30,13 +30,12 @@ from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from reproduction.bench.condensed import asked, floors
-from reproduction.harness import ROOT, Row, called, finished, linked, parser, row, show, write_results
+from reproduction.harness import PIPELINE, ROOT, Row, called, finished, linked, parser, row, show, write_results
 
 NAME = "frontier"
 SEEDS = (1, 2, 3)
 ONCE = ("mesh", "snapshot", "pca")
 SHARED = ("scene", "snapshots", "tests", "basis")
-ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "pipeline")]
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
 MEASURED = re.compile(rf"{STEP}, (.+), (\w+) (\d+), .*, seed (\d+)")  # motions, kind, dimension and seed
@@ -232,7 +231,7 @@ def main() -> None:
     rows += over_seeds(model, rows, seeds)
     show(rows, model)
     own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]
-    write_results(f"{NAME}_{model}", called(NAME), rows, inputs=[*ROOMS, *own])
+    write_results(f"{NAME}_{model}", called(NAME), rows, inputs=[*PIPELINE, *own])
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from ldsim.pipeline.options import MotionOptions
 from ldsim.pipeline.snapshot import motion
 from ldsim.run import Run
 from reproduction.bench.solid_files import COARSE, SOLIDS, write_solid
-from reproduction.harness import Row, called, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, Row, called, parser, row, rows_before, show, write_results
 from reproduction.reduced_runs import played
 from tests.viewer.browser import Tab, chromium
 
@@ -134,7 +134,7 @@ def main() -> None:
             rows[name] = off(run, motion(run.scene, options))
         show(rows[name], name)
         joined = [each for some in rows.values() for each in some]
-        write_results(NAME, called(NAME), joined, inputs=("reproduction/bench/solid_files.py",))
+        write_results(NAME, called(NAME), joined, inputs=[*PIPELINE, "reproduction/bench/solid_files.py"])
 
 
 if __name__ == "__main__":

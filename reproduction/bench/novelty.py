@@ -22,7 +22,7 @@ from ldsim.mechanics.loads import MotionLoads
 from ldsim.report.numbers import rank_correlation
 from ldsim.run import Run
 from ldsim.space.novelty import remembered
-from reproduction.harness import COMPUTES, Row, over_runs, row
+from reproduction.harness import PIPELINE, Row, over_runs, row
 
 NAME = "novelty"
 USUAL = 0.9
@@ -80,7 +80,7 @@ def measure(run: Run) -> list[Row]:
 
 
 def main() -> None:
-    over_runs(NAME, __doc__, measure, [*COMPUTES, "ldsim/pipeline"])
+    over_runs(NAME, __doc__, measure, PIPELINE)
 
 
 if __name__ == "__main__":

@@ -25,10 +25,21 @@ from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from reproduction.bench.frontier import seeded
-from reproduction.harness import FUNCTIONS, ROOT, WRITES, Row, called, linked, parser, row, show, write_results
+from reproduction.harness import (
+    FUNCTIONS,
+    PIPELINE,
+    ROOT,
+    WRITES,
+    Row,
+    called,
+    linked,
+    parser,
+    row,
+    show,
+    write_results,
+)
 
 NAME = "repeat"
-ROOMS = [f"ldsim/{room}" for room in ("mechanics", "space", "cubature", "learn", "dynamics", "pipeline")]
 SEEDS = (101, 102)
 WRITTEN = {stage: (WRITES[stage],) if stage != "snapshot" else ("snapshots", "tests") for stage in FUNCTIONS}
 # What MKL_NUM_THREADS says torch obeys whatever ldsim allows it, so that is not set.
@@ -135,7 +146,7 @@ def main() -> None:
         show(own, path.stem)
         rows += own
     inputs = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]
-    write_results(NAME, called(NAME), rows, inputs=[*ROOMS, *inputs])
+    write_results(NAME, called(NAME), rows, inputs=[*PIPELINE, *inputs])
 
 
 if __name__ == "__main__":

@@ -19,10 +19,10 @@ from ldsim.report.schema import RunNumbers
 from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
 from reproduction.bench.solid_files import SOLIDS, write_solid
-from reproduction.harness import Row, called, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, Row, called, parser, row, rows_before, show, write_results
 
 NAME, ASKED = "solids", 5.0
-INPUTS = ("reproduction/bench/solid_files.py", "ldsim/settings/new.py", "ldsim/settings/derived.py")
+INPUTS = (*PIPELINE, "ldsim/settings", "reproduction/bench/solid_files.py")
 
 
 def made(name: str, folder: Path, minutes: float) -> list[Row]:

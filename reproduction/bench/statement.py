@@ -31,14 +31,13 @@ from ldsim.pipeline.statement import bound, fresh_motions
 from ldsim.space.options import PcaOptions
 from ldsim.space.pca import Chunks, fit_basis
 from ldsim.space.space import Space
-from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.harness import PIPELINE, Row, called, parser, row, show, write_results
 
 NAME = "statement"
 # Fresh pulls of a statement, others that judge it, and dimensions of the space.
 STATED, OTHERS, DIMENSION = 59, 100, 5
 # Results are written after so many solids.
 WRITTEN = 20
-INPUTS = ("ldsim/pipeline/statement.py", "ldsim/mechanics/random_pulls.py")
 
 
 def a_scene(rng: np.random.Generator) -> Scene:
@@ -103,7 +102,7 @@ def main() -> None:
         shares.append(float((errors[STATED:] <= stated.error).mean()))
         held.append(shares[-1] >= stated.quantile)
         if (seed + 1) % WRITTEN == 0 or seed + 1 == given.solids:
-            write_results(NAME, called(NAME), _rows(np.array(held), np.array(shares)), inputs=INPUTS)
+            write_results(NAME, called(NAME), _rows(np.array(held), np.array(shares)), inputs=PIPELINE)
 
 
 def _rows(held: Array, shares: Array) -> list[Row]:

@@ -11,7 +11,7 @@ import click
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.errors import LdsimError, SettingsError
-from reproduction.harness import COMPUTES, CONFIGS, PICTURES, RESULTS, ROOT, Harness, note, origin, write_json
+from reproduction.harness import CONFIGS, PICTURES, PIPELINE, RESULTS, ROOT, Harness, note, origin, write_json
 from reproduction.paper.experiment import Outcome
 from reproduction.paper.table import EXPERIMENTS
 
@@ -23,7 +23,7 @@ def inputs(name: str) -> list[str]:
     """What an experiment's result follows from: the rooms that compute, its modules and their settings."""
     modules = (module.replace(".", "/") + ".py" for module in used_modules(EXPERIMENTS[name].run.__module__))
     settings = (path.relative_to(ROOT).as_posix() for path in (CONFIGS / "paper").glob("*.yaml"))
-    return [*COMPUTES, "ldsim/pipeline", *sorted((*modules, *settings))]
+    return [*PIPELINE, *sorted((*modules, *settings))]
 
 
 def used_modules(module: str) -> set[str]:

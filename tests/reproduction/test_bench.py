@@ -22,25 +22,9 @@ from reproduction.harness import called, row, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "derived", "enrichment"),
-    *("examples", "frontier"),
-    *("full_space", "fuzz", "hand"),
-    *(
-        "newcomer",
-        "novelty",
-        "pipeline",
-        "released",
-        "repeat",
-        "rival_spaces",
-        "runtime",
-        "soak",
-        "solids",
-        "space",
-        "statement",
-        "step",
-        "step_parts",
-    ),
-    *("step_sizes", "time_steps", "two_commands"),
+    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "derived", "enrichment", "examples"),
+    *("frontier", "full_space", "fuzz", "hand", "newcomer", "novelty", "repeat", "rival_spaces", "runtime", "soak"),
+    *("solids", "space", "statement", "step_parts", "time_steps", "two_commands"),
 ]
 
 
