@@ -19,7 +19,7 @@ from ldsim.artefacts.training import remove_checkpoints
 from ldsim.pipeline.convergence import Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
-from ldsim.settings.make import make
+from ldsim.settings.make import StageFailed, make
 
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
 # else what is learned from does not show what the others do.
@@ -45,6 +45,7 @@ class Enriched:
 
     Attributes:
         repeats: whether the first evaluation is of the last of these rounds.
+        least: the smallest error of a round so far; infinite where there is none.
     """
 
     def __init__(
@@ -58,19 +59,25 @@ class Enriched:
         self._went_back = ended and errors[-1] > min(errors)
         self.repeats = ended and not self._went_back
         self._errors = errors[:-1] if self.repeats else errors
-        self._best, self._least = load_settings(current(config)), math.inf
+        self._best, self.least, self._at_best = load_settings(current(config)), math.inf, True
+        with self._run(self._best) as run:
+            if errors and _kept(run).exists():  # a call before was interrupted, and had come so far
+                self._best, self.least, self._at_best = load_settings(_kept(run, "yaml")), min(errors), False
 
     def evaluate(self) -> tuple[float, int]:
         """The largest error of a pull of the validation motions, once what is stale up to the model is made."""
         config = current(self._given)
         settings = load_settings(config)
         self._make(config, "train" if settings.train.kind == "condensed" else "cubature")
-        with Run(self._runs / settings.experiment, settings.experiment) as run:
+        with self._run(settings) as run:
             errors = pull_errors(run)
             error = float(errors.max())
-            if error < self._least:
-                self._best, self._least = settings, error
-                shutil.copyfile(run.path("model"), _kept(run))
+            self._at_best = error < self.least
+            if self._at_best:
+                self._best, self.least = settings, error
+                _write_settings(_kept(run, "yaml"), "# The best round so far.", settings)
+                with replacing(_kept(run)) as temporary:
+                    shutil.copyfile(run.path("model"), temporary)
         self._errors.append(error)
         return error, len(errors)
 
@@ -79,23 +86,28 @@ class Enriched:
         settings = load_settings(current(self._given))
         if settings.train.kind != "condensed":
             return ""
-        with Run(self._runs / settings.experiment, settings.experiment) as run:
+        with self._run(settings) as run:
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
         changed, words = extended(settings, r, poor_fit and not self._went_back, helped)
         self._went_back = False
         if words:
             write_enriched(self._given, changed)
+            self._at_best = False
         return words
 
     def take_best(self) -> float:
         """Go back to the round that was least off, where a later one was not; returns its error."""
-        with Run(self._runs / self._best.experiment, self._best.experiment) as run:
-            if self._errors[-1] > self._least:
+        with self._run(self._best) as run:
+            if not self._at_best:
                 os.replace(_kept(run), run.path("model"))
                 write_enriched(self._given, self._best)
-            _kept(run).unlink(missing_ok=True)
-        return self._least
+            for kept in (_kept(run), _kept(run, "yaml")):
+                kept.unlink(missing_ok=True)
+        return self.least
+
+    def _run(self, settings: Settings) -> Run:
+        return Run(self._runs / settings.experiment, settings.experiment)
 
 
 def enrich(
@@ -103,7 +115,8 @@ def enrich(
 ) -> list[Round]:
     """Learn until a relative error is held on the validation motions; the rounds lie beside the run for its report.
 
-    Where a call before ended above it, this one goes on from there: its rounds and what it relaxed were kept.
+    Where a call before ended above it, this one goes on from there: its rounds and what it relaxed were kept. A round
+    after the first in which a stage fails is the last one: the best before it is taken.
 
     Args:
         percent: the error; None asks for nothing, and no round is run.
@@ -111,7 +124,7 @@ def enrich(
         say: told of each stage that runs, and a line of each round.
 
     Raises:
-        StageFailed: a stage ended with an error, which it has told.
+        StageFailed: a stage of the first round ended with an error, which it has told.
         SettingsError: no motion has the role validation.
     """
     if percent is None:
@@ -121,19 +134,27 @@ def enrich(
     folder = runs / load_settings(config).experiment
     rounds = read_rounds(folder) if current(config) != config else []
     surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
-    for each in improved(surrogate, few, seconds):
-        if surrogate.repeats:  # its model is there: what it took is what it took then
-            each, surrogate.repeats = each.replace(seconds=rounds.pop().seconds), False
-        rounds.append(each)
-        say(each.line(len(rounds), asked, few))
+    try:
+        for each in improved(surrogate, few, seconds):
+            if surrogate.repeats:  # its model is there: what it took is what it took then
+                each, surrogate.repeats = each.replace(seconds=rounds.pop().seconds), False
+            rounds.append(each)
+            say(each.line(len(rounds), asked, few))
+            write_rounds(folder, rounds)
+    except StageFailed as failed:
+        if surrogate.least == math.inf:
+            raise
+        rounds.append(Round(error=None, pulls=rounds[-1].pulls, seconds=0.0, changed=""))
+        say(f"round {len(rounds)}: {failed}; the best round before it is taken")
         write_rounds(folder, rounds)
     if surrogate.take_best() <= few:
         remove_checkpoints(folder / "model.partial")
     return rounds
 
 
-def _kept(run: Run) -> Path:
-    return run.folder / "model.best.h5"
+def _kept(run: Run, suffix: str = "h5") -> Path:
+    """What is kept of the best round: its model, and with the suffix "yaml" its configuration."""
+    return run.folder / f"model.best.{suffix}"
 
 
 def extended(settings: Settings, r: int, poor_fit: bool, helped: bool) -> tuple[Settings, str]:
@@ -176,9 +197,13 @@ def current(config: Path) -> Path:
 def write_enriched(config: Path, settings: Settings) -> Path:
     """Write what a round came to beside a configuration."""
     place = _enriched_of(config)
-    with replacing(place) as temporary:
-        temporary.write_text(f"{_heading(config)}\n{settings.dump(defaults=False)}", encoding="utf-8")
+    _write_settings(place, _heading(config), settings)
     return place
+
+
+def _write_settings(place: Path, heading: str, settings: Settings) -> None:
+    with replacing(place) as temporary:
+        temporary.write_text(f"{heading}\n{settings.dump(defaults=False)}", encoding="utf-8")
 
 
 def _enriched_of(config: Path) -> Path:

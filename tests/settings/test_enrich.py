@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import load_settings, settings_of
 from ldsim.settings.enrich import MOST, current, enrich, extended, write_enriched
+from ldsim.settings.make import StageFailed
 
 CONTENT = {
     "experiment": "part",
@@ -221,6 +223,42 @@ def test_a_call_after_an_interrupted_one_knows_what_its_round_was_compared_with(
     assert told[0].startswith("round 2: off by up to 29 %") and told[0].endswith("next: train.r 14")
 
 
+class Interrupted(Exception):
+    """What ends a call in the middle of a round."""
+
+
+def test_what_an_interrupted_call_had_come_to_is_taken_where_nothing_after_it_is_better(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(Interrupted):
+        enriched(tmp_path, monkeypatch, [0.3, 0.08, Interrupted()])
+    enriched(tmp_path, monkeypatch, [0.2], minutes=0.0, seconds=1.0)
+    run = tmp_path / "runs" / "part"
+    assert (run / "model.h5").read_text("utf-8") == "the model of 3 rounds"
+    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert not list(run.glob("model.best.*"))
+
+
+def test_a_stage_that_fails_in_a_later_round_costs_no_round_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, told = enriched(tmp_path, monkeypatch, [0.3, 0.1, StageFailed("train", 1)])
+    assert told[-1] == "round 3: train ended with status 1; the best round before it is taken"
+    run = tmp_path / "runs" / "part"
+    assert (run / "model.h5").read_text("utf-8") == "the model of 3 rounds"
+    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert [each.error for each in read_rounds(run)] == [0.3, 0.1, None]
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
+    assert told[0].endswith("next: train.r 14")
+
+
+def test_a_stage_that_fails_in_the_first_round_is_told_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(StageFailed):
+        enriched(tmp_path, monkeypatch, [StageFailed("train", 1)])
+
+
 def test_rounds_of_another_configuration_are_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     enriched(tmp_path, monkeypatch, [0.3, 0.1, 0.2], minutes=1.0, seconds=19.0)
     (tmp_path / "part.enriched.yaml").unlink()
@@ -229,9 +267,16 @@ def test_rounds_of_another_configuration_are_forgotten(tmp_path: Path, monkeypat
 
 
 def enriched(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, errors: list[float], minutes: float | None = None, seconds: float = 0
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    errors: Sequence[float | Exception],
+    minutes: float | None = None,
+    seconds: float = 0,
 ) -> tuple[list[str], list[str]]:
-    """Rounds with these errors, each of so many seconds: the configurations that stages ran on, and what was said."""
+    """Rounds with these errors, each of so many seconds: the configurations that stages ran on, and what was said.
+
+    A round that has an exception for its error ends by it, before its model is written.
+    """
     config, run, made, told = folder / "part.yaml", folder / "runs" / "part", list[str](), list[str]()
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
     (run / "model.partial").mkdir(parents=True, exist_ok=True)
@@ -239,6 +284,8 @@ def enriched(
     def make(file: Path, runs: Path, until: str, say: object, flags: object) -> None:
         assert until == "train" and flags == {"train": ["--keep"]}
         made.append(file.name)
+        if isinstance(left[0], Exception):
+            raise left[0]
         text = f"the model of {load_settings(file).train.condensed.rounds} rounds"
         (run / "model.h5").write_text(text, encoding="utf-8")
 
