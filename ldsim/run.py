@@ -115,6 +115,9 @@ class Run:
             ArtefactError: naming the file, what was found, what was expected, and what to do.
         """
         for kind in kinds:
+            self.hash(
+                kind
+            )  # of the file as it is now: what is made of it is not to be told of one that replaces it later
             header, path = self.header(kind), self.path(kind)
             experiment = header.notes.get("experiment")
             if experiment != self.experiment:

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from ldsim.artefacts.records import read_model, write_model, write_scene
+from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import ArtefactError
+from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.loads import Loads
 from ldsim.run import Run
 from ldsim.space.space import Space
@@ -91,6 +93,14 @@ def test_what_a_stage_has_written_is_read_anew(own_run: Path) -> None:
     assert run.model.kp == KP - 1 and run.hash("model") != hash_before
     with pytest.raises(ArtefactError, match="cubature.h5 was made from another model"):
         run.space("linear")
+
+
+def test_an_input_that_is_replaced_while_a_stage_runs_is_told_by_what_was_read(own_run: Path) -> None:
+    run = Run.open(own_run)
+    run.require("scene")
+    before = file_hash(own_run / "scene.h5")
+    write_scene(own_run / "scene.h5", header(own_run, "scene"), replace(solid(1), gravity=np.zeros(3)))
+    assert run.stage("mesh", TrainOptions()).header("scene", ("scene",)).inputs == {"scene": before}
 
 
 def by_hand(run: Run, name: str) -> Space:

@@ -158,7 +158,8 @@ def creating(path: Path, check: Callable[[h5py.File], None] | None = None) -> It
     """A new HDF5 file that takes its name when whole, sealed with its checksum.
 
     Args:
-        check: what is done with all of it before it takes its name.
+        check: what is done with all of it before it takes its name. A file that is checked is an artefact, and whatever
+            it was gathered from may be removed after it: it is on the disk by then, though the machine lose its power.
 
     Raises:
         ArtefactError: the folder cannot be written or the disk is full; what was there before is untouched.
@@ -173,6 +174,8 @@ def creating(path: Path, check: Callable[[h5py.File], None] | None = None) -> It
                 check(file)
         sink.check()
         seal(stream)
+        if check is not None:
+            os.fsync(stream.fileno())
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.atomic import creating, replacing, writing
-from ldsim.artefacts.sealed_file import opened
+from ldsim.artefacts.sealed_file import UnreadableError, opened
 from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError
@@ -137,7 +137,11 @@ class MotionStore:
                 file[f"held/{drag}"] = vertices
 
     def read_checkpoint(self, identity: str, frame_bytes: int) -> Checkpoint | None:
-        """The checkpoint of this very run, or None; frames written after it are cut off."""
+        """The checkpoint of this very run, or None; frames written after it are cut off.
+
+        Raises:
+            UnreadableError: there may be one, but the system does not let it be read.
+        """
         try:
             with opened(self._checkpoint_path) as file:
                 if file.attrs["identity"] != identity:
@@ -146,6 +150,8 @@ class MotionStore:
                 held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
                 statistics = {name: data[:] for name, data in file["statistics"].items()}
                 checkpoint = Checkpoint(identity, state, held, statistics, file["seconds"][:])
+        except UnreadableError:
+            raise
         except (OSError, ArtefactError):
             return None
         expected = checkpoint.frames * frame_bytes

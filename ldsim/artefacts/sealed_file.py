@@ -8,9 +8,11 @@ what we write ourselves is taken: groups and plain datasets, each with one name,
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import io
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +25,12 @@ MAGIC = b"ldsim artefact, size and SHA-256 of what follows this block: "
 MOST_OBJECTS = 100_000
 # What h5py and numpy raise on content that is not what it should be.
 FAULTS = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, LdsimError)
+# What the system says where a file may be whole, but is not to be had now.
+REFUSALS = (errno.EACCES, errno.EPERM, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ESTALE)
+
+
+class UnreadableError(ArtefactError):
+    """A file that may be whole, but that the system does not let be read."""
 
 
 def seal(stream: io.FileIO) -> None:
@@ -65,6 +73,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
     Raises:
         ArtefactError: naming the file, what was found, and what to do.
+        UnreadableError: the system does not let it be read, whatever is in it.
     """
     try:
         check_seal(path)
@@ -74,6 +83,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
     except (BrokenPipeError, ArtefactError):  # the first: whoever reads our output left, which is not the file's fault
         raise
     except FAULTS as error:
+        if isinstance(error, OSError) and error.errno in REFUSALS:
+            raise UnreadableError(f"{path} cannot be read: {os.strerror(error.errno)}") from error
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise ArtefactError(f"{path} is damaged ({reason}); delete it and run make") from error
 

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import click
 
+from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.cli.stage import Call, stage_command
+from ldsim.errors import ArtefactError
 from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.solid import solid_lines
+from ldsim.settings.make import Staleness
 
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
 def command(call: Call) -> None:
-    scene = mesh(call.run, call.settings.mesh, call.progress, call.base)
+    if _up_to_date(call):
+        scene = call.run.scene
+        call.progress.tell(f"{call.run.path('scene')} is left as it is, for nothing that it was made from has changed")
+    else:
+        scene = mesh(call.run, call.settings.mesh, call.progress, call.base)
     call.done(
         "scene",
         f"{scene.mesh.n_vertices} vertices, {scene.mesh.n_cells} {scene.mesh.cell_type} cells, "
@@ -19,3 +26,13 @@ def command(call: Call) -> None:
     )
     for line in solid_lines(scene, call.settings.snapshot):
         click.echo(line)
+
+
+def _up_to_date(call: Call) -> bool:
+    """Whether the scene may stay: all that was made of it knows it by its hash, which says when it was written too."""
+    try:
+        return not Staleness(call.run, call.settings, call.base).reasons("mesh")
+    except UnreadableError:
+        raise
+    except ArtefactError:  # it is damaged, and made anew
+        return False

@@ -17,7 +17,7 @@ from ldsim.report.options import ReportOptions
 from ldsim.space.options import PcaOptions
 
 # Endings of files that are given where a configuration is asked for.
-MESHES = tuple(".stl .obj .ply .off .mesh .msh .vtk .vtu .xdmf .node .ele .inp .med .exo".split())
+MESHES = tuple(".stl .obj .ply .off .glb .gltf .mesh .msh .vtk .vtu .xdmf .node .ele .inp .med .exo".split())
 
 
 class Settings(Options):

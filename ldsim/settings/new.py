@@ -28,7 +28,7 @@ from ldsim.run import Run
 from ldsim.settings import derived
 from ldsim.settings.experiment import settings_of
 
-SURFACES = (".stl", ".obj", ".ply", ".off")
+SURFACES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 CELLS = 10_000
 MODEL, POISSON = "stable_neo_hookean", 0.45
 
@@ -127,8 +127,8 @@ def new(
         raise SettingsError(f"{place} exists already; run it with `ldsim make {place}`, or give another --output")
     geometry = seen(source, place, options)
     with Run(runs / geometry.name, geometry.name) as run:
-        if run.path("snapshots").exists():
-            raise SettingsError(f"{run.folder} holds a finished run already; give another --output")
+        if run.path("snapshots").exists() or any(run.folder.glob("snapshots.partial/*")):
+            raise SettingsError(f"{run.folder} holds motions of a run already; give another --output")
         with writing(place):
             place.parent.mkdir(parents=True, exist_ok=True)
         scene = mesh(run, geometry.options, progress, place.parent)

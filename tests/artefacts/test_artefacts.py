@@ -16,9 +16,10 @@ import pytest
 
 from ldsim.artefacts import atomic, partial, store
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
-from ldsim.artefacts.sealed_file import datasets
+from ldsim.artefacts.sealed_file import UnreadableError, datasets
 from ldsim.artefacts.store import Header, file_hash
 from ldsim.errors import ArtefactError
+from ldsim.mechanics.motion import Motion
 from ldsim.run import Run
 from tests.artefacts.examples import EXAMPLES, Example, same
 from tests.helpers import changed, full_disk
@@ -290,3 +291,31 @@ def test_what_a_killed_writer_left_is_removed_by_the_next(kind: str, artefact: P
     assert not dead.exists()
     assert not ours.exists()
     assert living.read_bytes() == b"somebody is writing"
+
+
+def refusing(*_: object) -> None:
+    raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    EXAMPLES["scene"].write(tmp_path / "scene.h5", header("scene"))
+    monkeypatch.setattr("ldsim.artefacts.sealed_file.check_seal", refusing)
+    with pytest.raises(UnreadableError, match=r"scene.h5 cannot be read: Permission denied$"):
+        EXAMPLES["scene"].read(tmp_path / "scene.h5")
+
+
+def test_a_checkpoint_that_may_not_be_read_costs_no_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    motion = partial.MotionStore(tmp_path, Motion("m", 1))
+    motion.append(np.zeros((2, 3)))
+    motion.write_checkpoint(partial.Checkpoint("this", {}, {}, {}, np.zeros(1)))
+    monkeypatch.setattr("ldsim.artefacts.sealed_file.check_seal", refusing)
+    with pytest.raises(UnreadableError):
+        motion.read_checkpoint("this", 24)
+    assert (tmp_path / "m.frames").stat().st_size == 24
+
+
+def test_an_artefact_is_on_the_disk_before_it_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = list[list[str]]()
+    monkeypatch.setattr(os, "fsync", lambda file: names.append([each.name for each in tmp_path.glob("*.h5")]))
+    EXAMPLES["scene"].write(tmp_path / "scene.h5", header("scene"))
+    assert names and not any("scene.h5" in each for each in names)

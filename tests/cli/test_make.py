@@ -47,6 +47,16 @@ def test_times_copies_and_comments_make_nothing_stale(experiment: Experiment) ->
     assert stale(experiment, "--runs", str(experiment.folder / "copies")) == {}
 
 
+def test_looking_at_the_solid_again_makes_nothing_stale(experiment: Experiment) -> None:
+    scene = experiment.folder / "runs" / "tiny" / "scene.h5"
+    before = scene.read_bytes()
+    looked = experiment.invoke("mesh")
+    assert looked.exit_code == 0 and "vertices pinned" in looked.output and "is left as it is" in looked.output
+    assert scene.read_bytes() == before and not stale(experiment)
+    scene.write_bytes(before[:-1])
+    assert experiment.invoke("mesh").exit_code == 0 and scene.stat().st_size > 512
+
+
 def test_a_setting_equal_to_its_default_makes_nothing_stale(experiment: Experiment) -> None:
     experiment.change("train.learning_rate", TrainOptions().learning_rate)
     assert stale(experiment) == {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import meshio
@@ -27,7 +28,9 @@ from ldsim.settings.derived import (
     time_step,
     unit_of,
 )
+from ldsim.settings.new import NewOptions, seen
 from tests.cli.experiments import refused
+from tests.mesh.painted import WRITERS
 
 
 @pytest.mark.parametrize(
@@ -177,10 +180,19 @@ def test_new_overwrites_neither_a_configuration_nor_a_run(rod: Path) -> None:
     assert "my-rod.yaml exists already" in refused(CliRunner().invoke(main, ["new", str(rod)]))
     assert Path("my-rod.yaml").read_text(encoding="utf-8") == "mine"
     Path("my-rod.yaml").unlink()
-    Path("runs/my-rod").mkdir(parents=True)
-    Path("runs/my-rod/snapshots.h5").touch()
-    assert "holds a finished run already" in refused(CliRunner().invoke(main, ["new", str(rod)]))
-    assert not Path("my-rod.yaml").exists()
+    for begun in ("snapshots.h5", "snapshots.partial/pulls_1.frames"):
+        Path(f"runs/my-rod/{begun}").parent.mkdir(parents=True)
+        Path(f"runs/my-rod/{begun}").touch()
+        assert "holds motions of a run already" in refused(CliRunner().invoke(main, ["new", str(rod)]))
+        assert not Path("my-rod.yaml").exists()
+        shutil.rmtree("runs")
+
+
+@pytest.mark.parametrize("kind", ["glb", "gltf"])
+def test_a_painted_surface_is_looked_at_as_a_surface(kind: str, tmp_path: Path) -> None:
+    file = WRITERS[kind](tmp_path, np.zeros(3), np.array([0.1, 0.2, 0.3]))
+    assert any(line.startswith("surface: {file") for line in seen(file, tmp_path / "box.yaml", NewOptions()).lines)
+    assert f"`ldsim new {file}`" in refused(CliRunner().invoke(main, ["make", str(file)]))
 
 
 @pytest.mark.parametrize(
