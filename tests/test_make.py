@@ -177,6 +177,7 @@ def test_cleaning_without_a_name_removes_nothing_and_asks_for_one(name: str, tmp
     (project.run / "report").mkdir(parents=True)
     (tmp_path / "runs" / "other").mkdir()
     assert "EXPERIMENT is empty" in project.refusal("clean", f"EXPERIMENT={name}")
+    assert "RUNS is empty" in project.refusal("clean", f"RUNS={name}")
     assert project.run.exists()
     project.make("clean")
     assert not project.run.exists() and (tmp_path / "runs" / "other").exists()
