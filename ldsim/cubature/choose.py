@@ -14,17 +14,15 @@ from ldsim.cubature.path import RulePath, Tell, VirtualFit, relative_errors
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace, Samples, perturbed
 from ldsim.cubature.system import System
-from ldsim.cubature.terms import EnergyTerm, ForceTerm, TangentTerm, Term
+from ldsim.cubature.terms import ForceTerm
 from ldsim.cubature.virtual import Targets, fit_virtual, virtual_error
 from ldsim.errors import SolverError
 from ldsim.jit import in_threads
 
 Judge = Callable[[CubatureRule], float]
 
-# Length of the steps that the tangent is taken over, as a share of the standard deviation of the poses.
-TANGENT_STEP = 0.02
-# What each draw of random numbers is for: each has a stream of its own.
-PERTURBED, TANGENTS, CANDIDATES, JUDGED = range(1, 5)
+# What each draw of random numbers is for: each has a stream of its own. Other numbers give other rules.
+CANDIDATES, JUDGED = 3, 4
 # Near states lie this far from their poses, in standard deviations of all poses, evenly on a logarithmic scale.
 NEAREST, FARTHEST = 0.03, 0.3
 # Share of the poses that only choose among what the fit of virtual points has seen.
@@ -93,22 +91,9 @@ def choose_on_mesh(space: PoseSpace, split: PoseSplit, options: FitOptions, tell
 
 
 def _system(space: PoseSpace, fitted: Indices, options: FitOptions) -> System:
-    """The forces of the fitted poses, with the terms that have a weight."""
-    terms, seed, metric = options.terms, options.seed, _metric(space, options)
+    """The forces of the fitted poses, and the volume."""
     samples, candidates = closed_samples(space, fitted, options), drawn_candidates(space.scene.points.n_points, options)
-    if terms.perturbed:
-        some = np.random.default_rng((seed, PERTURBED)).permutation(fitted)[: round(terms.perturbed * len(fitted))]
-        moved = perturbed(space.z, some, options.perturbation, (seed, PERTURBED))
-        samples = Samples.joined(samples, space.samples(moved, some))
-    others: list[tuple[Term, float]] = []
-    if terms.tangent:
-        z = space.z[fitted]
-        steps = perturbed(space.z, fitted, TANGENT_STEP, (seed, TANGENTS)) - z
-        both = space.samples(np.concatenate([z + steps, z - steps]), np.tile(fitted, 2))
-        others.append((TangentTerm(ForceTerm(space, both, metric, candidates), len(z)), terms.tangent))
-    if terms.energy:
-        others.append((EnergyTerm(space, samples, candidates), terms.energy))
-    return System(ForceTerm(space, samples, metric, candidates), terms.volume, tuple(others), candidates)
+    return System(ForceTerm(space, samples, _metric(space, options), candidates), options.terms.volume, candidates)
 
 
 def _metric(space: PoseSpace, options: FitOptions) -> Array | None:

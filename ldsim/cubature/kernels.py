@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.jit import njit
-from ldsim.mechanics.elastic import Elements, deformation_gradient
+from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.materials.kernels import deformation, energy, weighted_stresses
 
 # Length of a step in F to either side, for differences of the stress: about the cube root of the rounding, where its
@@ -32,15 +32,6 @@ def add_point_powers(elements: Elements, stresses: NDArray[np.floating], y: Arra
             total += y[v, 1] * (p10 * g0 + p11 * g1 + p12 * g2)
             total += y[v, 2] * (p20 * g0 + p21 * g1 + p22 * g2)
         powers[s] += elements.weights[s] * total
-
-
-@njit(cache=True, nogil=True)
-def add_point_energies(elements: Elements, u: Array, factor: float, energies: Array) -> None:
-    """Adds factor · w_s Ψ(F_s), J, to `energies` (s,); u is (n, 3) in metres."""
-    for s in range(elements.weights.shape[0]):
-        F = deformation_gradient(elements.nodes, elements.gradients, s, u)
-        density = energy(elements.kind[s], F, elements.mu[s], elements.lam[s])
-        energies[s] += factor * elements.weights[s] * density
 
 
 @njit(cache=True, nogil=True)

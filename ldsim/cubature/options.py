@@ -19,9 +19,6 @@ class TermOptions(Options):
     """What a fit takes in besides the forces of the decoded poses; 0 leaves it out."""
 
     volume: Annotated[float, Field(ge=0, description="Weight of the total volume, relative to the forces.")] = 0.3
-    tangent: Annotated[float, Field(ge=0, description="Weight of the tangent stiffness at the poses.")] = 0.0
-    energy: Annotated[float, Field(ge=0, description="Weight of the energy of the poses.")] = 0.0
-    perturbed: Annotated[Share, Field(description="Perturbed states fitted too, as a share of the poses.")] = 0.0
     closure: Annotated[
         Share, Field(description="Share of the true poses' forces in the target; latent space only.")
     ] = 0.0

@@ -1,4 +1,4 @@
-"""The least-squares system of cubature: all terms of a fit as one, and the few of its columns at work in one round."""
+"""The least-squares system of cubature: forces and volume as one, and the few of its columns at work in one round."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ldsim.cubature.terms import Term
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The forces, other terms beside them, and one more equation, which asks that the weights sum to the volume.
+    """The forces, and one more equation, which asks that the weights sum to the volume.
 
     For multipliers x_s it reads Σ_s v ‖target‖ x_s w_s / Σ w = v ‖target‖: without it, few points that fit the forces
     may weigh much less than the solid, and be soft in every direction that the poses do not show.
@@ -23,13 +23,11 @@ class System:
     Attributes:
         forces: their error is the one that a tolerance is for.
         volume: v, the weight of the volume; 0 leaves it out.
-        others: more terms, each with its weight; their size is evened out with that of the forces.
         candidates: the points that may be chosen, (c,); None for all.
     """
 
     forces: Term
     volume: float
-    others: tuple[tuple[Term, float], ...] = ()
     candidates: Indices | None = None
 
     @property
@@ -48,11 +46,6 @@ class System:
         return float(np.linalg.norm(self.forces.target))
 
     @cached_property
-    def _scaled(self) -> list[tuple[Term, float]]:
-        """The other terms with a factor that makes the target of each `weight` times as long as that of the forces."""
-        return [(term, weight * self.force_norm / float(np.linalg.norm(term.target))) for term, weight in self.others]
-
-    @cached_property
     def volume_shares(self) -> Array:
         """What each point adds to the equation of the volume with its full weight, (s,)."""
         weights = self.forces.point_weights
@@ -61,30 +54,23 @@ class System:
 
     @cached_property
     def target(self) -> Array:
-        """The forces' target, the others', and that of the volume, (e,) float64."""
-        others = [factor * term.target for term, factor in self._scaled]
-        return np.concatenate([self.forces.target, *others, [self.volume * self.force_norm]])
+        """The forces' target and that of the volume, (e,) float64."""
+        return np.concatenate([self.forces.target, [self.volume * self.force_norm]])
 
     def columns(self, points: Indices) -> Array:
         """What some points add with their full weights, (e, c) float64."""
-        others = [factor * term.columns(points) for term, factor in self._scaled]
-        return np.vstack([self.forces.columns(points), *others, self.volume_shares[points]])
+        return np.vstack([self.forces.columns(points), self.volume_shares[points]])
 
     def correlations(self, residual: Array) -> Array:
         """Every allowed column times a residual (e,); returns (s,) float64, −inf for points not allowed."""
-        first = len(self.forces.target)
-        correlations = self.forces.correlations(residual[:first])
-        for term, factor in self._scaled:
-            own = slice(first, first + len(term.target))
-            correlations += factor * term.correlations(residual[own])
-            first = own.stop
+        correlations = self.forces.correlations(residual[:-1])
         allowed = np.full(self.n_points, -np.inf)
         allowed[self.allowed] = (correlations + residual[-1] * self.volume_shares)[self.allowed]
         return allowed
 
     def error(self, residual: Array) -> float:
         """Relative error of the forces alone."""
-        return float(np.linalg.norm(residual[: len(self.forces.target)])) / self.force_norm
+        return float(np.linalg.norm(residual[:-1])) / self.force_norm
 
 
 @dataclass(frozen=True, eq=False)

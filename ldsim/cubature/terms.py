@@ -1,6 +1,6 @@
-"""The terms of the least-squares fit of cubature: reduced forces, their change along a direction, and energies.
+"""The reduced forces as equations of the least-squares fit of cubature.
 
-Every term answers the same three questions (`Term`), and none needs its matrix of equations × points. Point s adds
+They answer three questions (`Term`), for which no matrix of equations × points is stored. Point s adds
 b_st = J(z_t)ᵀ Uᵀ (w_s P_s ∇N) ∈ R^r to the reduced force of pose t (`samples`). Its inner product with a residual ρ
 needs no b_st: with y_t = U J(z_t) ρ_t it is Σ_t w_s P_s(t) : Σ_a y_a ⊗ ∇N_a, one pass over the points a pose.
 """
@@ -13,13 +13,12 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array, eye_array, kron
 
 from ldsim.arrays import Array, Indices
-from ldsim.cubature.kernels import add_point_energies, add_point_powers
-from ldsim.cubature.samples import PoseSpace, Samples, Tangents, blocks, pose_scales
+from ldsim.cubature.kernels import add_point_powers
+from ldsim.cubature.samples import PoseSpace, Samples, Tangents, blocks
 from ldsim.jit import in_threads
-from ldsim.mechanics.elastic import Elements, elastic_energy, elements_at, point_stresses
+from ldsim.mechanics.elastic import Elements, elements_at, point_stresses
 
 POINTS_AT_ONCE = 64
 # Bytes for keeping stresses in float32; poses that do not fit are computed anew in every pass.
@@ -186,86 +185,3 @@ class ForceTerm:
         outer = G @ stresses[:, chunk].transpose(1, 2, 0)
         projected: Array = self._projection.transpose(0, 2, 1) @ outer.transpose(2, 1, 0)
         return projected
-
-
-class TangentTerm:
-    """Changes of the reduced force along latent directions, normalised: the tangent stiffness that the minimiser sees.
-
-    Equation t is (f(z_t + d_t) − f(z_t − d_t)) / scale_t. f(z) = J(z)ᵀUᵀf(Uφ(z)) is the gradient of the energy in z,
-    and so this is its second derivative along d_t, with that of the decoder.
-
-    Args:
-        forces: at the T poses z + d followed by the T poses z − d; pairs of which one was left out are left out.
-        pairs: T.
-    """
-
-    def __init__(self, forces: ForceTerm, pairs: int) -> None:
-        self._forces = forces
-        place = np.full(2 * pairs, -1)
-        place[forces.kept] = np.arange(forces.n_poses)
-        ahead, behind = place[:pairs], place[pairs:]
-        ends = np.stack([ahead, behind], axis=1)[(ahead >= 0) & (behind >= 0)]
-        # one row a pair: + the force ahead, − the one behind, both without the scale that `forces` gave them
-        entries = (np.array([1.0, -1.0]) * forces.scales[ends]).ravel()
-        rows = np.repeat(np.arange(len(ends)), 2)
-        change = csr_array((entries, (rows, ends.ravel())), shape=(len(ends), forces.n_poses))
-        scales = pose_scales(np.linalg.norm(change @ forces.target.reshape(forces.n_poses, -1), axis=1))
-        self._change: csr_array = csr_array(kron(diags_array(1 / scales) @ change, eye_array(forces.dimension)))
-        self.target: Array = self._change @ forces.target
-
-    @property
-    def point_weights(self) -> Array:
-        return self._forces.point_weights
-
-    def columns(self, points: Indices) -> Array:
-        return self._change @ self._forces.columns(points)
-
-    def correlations(self, residual: Array) -> Array:
-        return self._forces.correlations(self._change.T @ residual)
-
-
-class EnergyTerm:
-    """The elastic energies V_t of some samples, each divided by max(V_t, floor · median V).
-
-    Args:
-        candidates: the points that `correlations` looks at, (c,); None for all.
-    """
-
-    def __init__(self, space: PoseSpace, samples: Samples, candidates: Indices | None = None) -> None:
-        self._elements, self._U, self._threads = space.scene.elements, space.U, space.threads
-        every = np.arange(len(self.point_weights))
-        self._local = LocalPoints.of(self._elements, self._U, every if candidates is None else candidates)
-
-        def energy(q: Array) -> float:
-            return float(elastic_energy(self._elements, (self._U @ q).reshape(-1, 3)))
-
-        energies = np.array(list(in_threads(energy, samples.q, self._threads)))
-        finite = np.isfinite(energies)
-        self._q = samples.q[finite]
-        self._scales = pose_scales(energies[finite])
-        self.target: Array = energies[finite] / self._scales
-
-    @property
-    def point_weights(self) -> Array:
-        return self._elements.weights
-
-    def columns(self, points: Indices) -> Array:
-        local = LocalPoints.of(self._elements, self._U, points)
-        columns = np.zeros((len(self._q), len(points)))
-        for row, q, scale in zip(columns, self._q, self._scales, strict=True):
-            add_point_energies(local.elements, local.fields(q[None])[0], 1 / scale, row)
-        return columns
-
-    def correlations(self, residual: Array) -> Array:
-        local = self._local
-
-        def share(t: int) -> Array:
-            energies = np.zeros(len(local.points))
-            factor = residual[t] / self._scales[t]
-            add_point_energies(local.elements, local.fields(self._q[t : t + 1])[0], factor, energies)
-            return energies
-
-        correlations = np.zeros(len(self.point_weights))
-        for energies in in_threads(share, range(len(self._q)), self._threads):
-            correlations[local.points] += energies
-        return correlations

@@ -49,7 +49,7 @@ def synthetic_stepper(scene: Scene, basis: Basis, q: Array, seed: int, progress:
     metric = rest_compliance(stiffness, space.decoder, q[:1])
     candidates = drawn_candidates(scene.points.n_points, FIT)
     forces = ForceTerm(samples, samples.samples(samples.z, poses), metric, candidates)
-    found = fit(System(forces, FIT.terms.volume, (), candidates), FIT, progress).best
+    found = fit(System(forces, FIT.terms.volume, candidates), FIT, progress).best
     return ReducedStepper(space.with_rule(found), ReducedOptions(tolerance=TOLERANCE))
 
 
