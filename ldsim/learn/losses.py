@@ -15,17 +15,6 @@ def divergence(mean: torch.Tensor, log_variance: torch.Tensor) -> torch.Tensor:
     return per_sample.mean()
 
 
-def curvature(model: Autoencoder, z: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
-    """How far the decoder is from linear between codes: ‖φ(½(a + b)) − ½(φ(a) + φ(b))‖², mean over random pairs.
-
-    It does not depend on the scale of z, which a penalty on ‖J‖ alone could be cheated with.
-    """
-    other = z[torch.randperm(len(z), generator=generator).to(z.device)]
-    bend = model.decode(0.5 * (z + other)) - 0.5 * (model.decode(z) + model.decode(other))
-    per_pair: torch.Tensor = (bend**2).sum(dim=1)
-    return per_pair.mean()
-
-
 @dataclass(frozen=True, eq=False)
 class Projectors:
     """What the equilibrium shift is computed with, made anew now and then while the decoder changes.

@@ -1,6 +1,6 @@
 """The pair of perceptrons in torch, and how they become the arrays that the compiled step reads.
 
-ψ(q) = E(q) − E(0) and φ(z) = N(z) − N(0) + A z, so that rest maps to rest both ways, exactly, in every mode.
+ψ(q) = E(q) − E(0) and φ(z) = N(z) − N(0), so that rest maps to rest both ways, exactly, in every mode.
 """
 
 from __future__ import annotations
@@ -51,9 +51,6 @@ class Autoencoder(torch.nn.Module):
         codes = 2 * r if options.variational else r
         self.encoder = perceptron([k, *reversed(options.hidden), codes], options.activation)
         self.decoder = perceptron([r, *options.hidden, k], options.activation)
-        self.skip = torch.nn.Linear(r, k, bias=False) if options.skip else None
-        if self.skip is not None:
-            torch.nn.init.eye_(self.skip.weight)
         self.register_buffer("spread", spread)
         self.register_buffer("zero_q", torch.zeros(1, k))
         self.register_buffer("zero_z", torch.zeros(1, r))
@@ -71,8 +68,6 @@ class Autoencoder(torch.nn.Module):
     def decode(self, z: torch.Tensor) -> torch.Tensor:
         """φ(z), (b, k)."""
         decoded: torch.Tensor = (self.decoder(z) - self.decoder(self.zero_z)) * self.spread
-        if self.skip is not None:
-            decoded = decoded + self.skip(z)
         return decoded
 
     def forward(self, q: torch.Tensor) -> torch.Tensor:
@@ -115,11 +110,8 @@ def extract(model: Autoencoder, scale: float, q: Array, codes: int) -> tuple[Dec
     down[-1], down_bias[-1], up[0] = down[-1][:, :codes], down_bias[-1][:codes], up[0][:codes]
     spread = scale * model.spread.cpu().numpy().astype(np.float64)
     up[-1], up_bias[-1] = up[-1] * spread, up_bias[-1] * spread
-    skip = None
-    if model.skip is not None:
-        skip = scale * model.skip.weight.detach().cpu().numpy().T[:codes].astype(np.float64)
     encoder = Encoder(tuple(down), tuple(down_bias), model.activation)
-    decoder = Decoder.network(up, up_bias, model.activation, skip)
+    decoder = Decoder.network(up, up_bias, model.activation)
     sample = encoder(q[:: max(len(q) // 200, 1)])
     metric = np.mean([J.T @ J for J in map(decoder.jacobian, sample)], axis=0)
     values, vectors = np.linalg.eigh(metric)
@@ -128,5 +120,4 @@ def extract(model: Autoencoder, scale: float, q: Array, codes: int) -> tuple[Dec
     # z' = rootᵀ z, so the decoder reads z = root⁻ᵀ z' and the encoder writes rootᵀ z
     up[0] = inverse @ up[0]
     down[-1], down_bias[-1] = down[-1] @ root, down_bias[-1] @ root
-    decoder = Decoder.network(up, up_bias, model.activation, None if skip is None else inverse @ skip)
-    return decoder, Encoder(tuple(down), tuple(down_bias), model.activation)
+    return Decoder.network(up, up_bias, model.activation), Encoder(tuple(down), tuple(down_bias), model.activation)

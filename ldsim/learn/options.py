@@ -66,7 +66,6 @@ class TrainOptions(Options):
         tuple[Width, ...], Field(min_length=1, description="Widths of the hidden layers of the decoder.")
     ] = (100, 100)
     activation: Annotated[Literal["elu", "relu", "tanh", "sigmoid"], Field(description="Of the hidden layers.")] = "elu"
-    skip: Annotated[bool, Field(description="A linear skip in the decoder, q = A z + N(z) − N(0).")] = False
     # Small coordinates are stiff ones, and forces hang on them: with all errors alike they are learned last.
     balance: Annotated[
         float,
@@ -76,7 +75,6 @@ class TrainOptions(Options):
     variational: Annotated[
         LossTerm | None, Field(description="Divergence of a variational autoencoder (Kingma and Welling 2014).")
     ] = None
-    smoothness: Annotated[LossTerm | None, Field(description="Curvature of the decoder between poses.")] = None
     denoising: Annotated[Denoising | None, Field(description="Noise on the encoder's input; left out, none.")] = None
     recorded_share: Annotated[
         float, Field(ge=0, le=0.9, description="Least share of recorded frames in an epoch; they are repeated for it.")

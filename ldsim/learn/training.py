@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.learn.examples import Examples
-from ldsim.learn.losses import Projectors, curvature, divergence, equilibrium_shift, projectors
+from ldsim.learn.losses import Projectors, divergence, equilibrium_shift, projectors
 from ldsim.learn.network import Autoencoder, device_of, extract
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
@@ -243,8 +243,6 @@ class _Fit:
         if self.ordered:
             kept = torch.randint(1, model.r + 1, (len(z), 1), generator=self.generator)
             z = z * (torch.arange(model.r) < kept).to(self.device)
-        if options.smoothness:
-            other = other + options.smoothness.weight * curvature(model, z, self.generator)
         if options.equilibrium and self.along is not None:
             chosen = torch.randint(0, len(self.along.poses), (POSES,), generator=self.generator).to(self.device)
             other = other + options.equilibrium.weight * equilibrium_shift(model, self.along, chosen)

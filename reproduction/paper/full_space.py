@@ -111,11 +111,10 @@ def _result(
     decoder, encoder = extract(model, scale, np.asarray(q, dtype=np.float64), model.r)
     up_weights, up_biases = [*decoder.weights], [*decoder.biases]
     up_weights[-1], up_biases[-1] = up_weights[-1] @ R.T, up_biases[-1] @ R.T
-    skip = None if decoder.skip is None else decoder.skip @ R.T
     down_weights = [(inner @ Q).T @ encoder.weights[0], *encoder.weights[1:]]
     return FullSpaceTrained(
         Q,
-        Decoder.network(up_weights, up_biases, model.activation, skip),
+        Decoder.network(up_weights, up_biases, model.activation),
         Encoder(tuple(down_weights), encoder.biases, model.activation),
         np.array(loss) * scale**2,
     )
