@@ -73,11 +73,11 @@ def played(
 ) -> Trajectory:
     """A motion with its errors, where a window is given also restarted from the full space every so many seconds."""
     stepper = cast(ReducedStepper, stepper)  # every element has all that is asked of it
-    whole = windowed = run_reduced(stepper, full, progress=progress)
+    whole, windowed = run_reduced(stepper, full, progress=progress), None
     if window is not None:
         restarts = restarts_every(full.motion, stepper.scene, window)
         windowed = run_reduced(stepper, full, restarts=restarts, progress=progress)
-    return with_errors(whole, windowed, stepper.space, full)
+    return with_errors(whole, stepper.space, full, windowed)
 
 
 def online_error(found: Trajectory) -> float:

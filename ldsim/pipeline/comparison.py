@@ -182,9 +182,16 @@ def fastest(
     return best, steppers[best]
 
 
-def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, reference: Reference) -> Trajectory:
-    """The trajectory with its vertex distances to the full-space run, uninterrupted and windowed."""
-    assert trajectory.coordinates is not None and windowed.coordinates is not None and reference.frames is not None
+def with_errors(
+    trajectory: Trajectory, space: Space, reference: Reference, windowed: Trajectory | None = None
+) -> Trajectory:
+    """The trajectory with its vertex distances to the full-space run.
+
+    Args:
+        windowed: the same motion in windows; None where the trajectory itself is it, or none is asked for.
+    """
+    assert trajectory.coordinates is not None and reference.frames is not None
+    assert windowed is None or windowed.coordinates is not None
     lifted = None
     if space.lifting is not None and space.lifting.count:
         lifted = space.lifting.displacements(reference.motion)
@@ -194,9 +201,11 @@ def with_errors(trajectory: Trajectory, windowed: Trajectory, space: Space, refe
         some = slice(start, min(start + CHUNK, len(trajectory.coordinates)))
         full = reference.frames(some.start, some.stop)
         relative = full if lifted is None else full - lifted(some.start, some.start + len(full))
-        q, q_again = trajectory.coordinates[some], windowed.coordinates[some]
-        distance = _distances(q, space, relative - residual(some.start, q))
-        again = _distances(q_again, space, relative - residual(some.start, q_again))
+        q = trajectory.coordinates[some]
+        distance = again = _distances(q, space, relative - residual(some.start, q))
+        if windowed is not None and windowed.coordinates is not None:
+            q_again = windowed.coordinates[some]
+            again = _distances(q_again, space, relative - residual(some.start, q_again))
         moved = np.linalg.norm(full.astype(np.float64), axis=2)
         columns.append(np.array([distance.mean(axis=1), distance.max(axis=1), again.mean(axis=1), moved.mean(axis=1)]))
     mean, largest, windowed_mean, moved_mean = np.concatenate(columns, axis=1)
@@ -236,7 +245,7 @@ def windowed_error(
     run = run_reduced(
         ReducedStepper(space, options), reference, restarts=restarts_every(reference.motion, space.scene, window)
     )
-    error = with_errors(run, run, space, reference).relative_error
+    error = with_errors(run, space, reference).relative_error
     assert error is not None
     return error
 
@@ -285,5 +294,5 @@ def compare_motion(
         if reference.frames is not None:
             restarts = restarts_every(reference.motion, scene, measured.window)
             windowed = run_reduced(stepper, reference, restarts=restarts, progress=progress)
-            trajectory = with_errors(trajectory, windowed, space, reference)
+            trajectory = with_errors(trajectory, space, reference, windowed)
         yield space.name, trajectory, name

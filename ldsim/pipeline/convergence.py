@@ -114,7 +114,7 @@ def pull_errors(run: Run, progress: Progress = SILENT) -> Array:
             lifted = space.with_lifting(Lifting.of(run.scene, [found.motion]))
             stepper = ReducedStepper(lifted, run.reduced_options)
             played = run_reduced(stepper, reference, restarts=starts(found.motion), progress=bar.update)
-            judged = with_errors(played, played, lifted, reference)
+            judged = with_errors(played, lifted, reference)
             assert judged.mean_error is not None and judged.mean_displacement is not None
             distance = np.where(played.reason == Reason.INFINITE_START, np.nan, judged.mean_error)
             errors.append(by_pull(found.motion, distance, judged.mean_displacement))

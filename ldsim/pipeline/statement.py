@@ -91,7 +91,7 @@ def fresh_errors(
                 lifting = Lifting.of(run.scene, [found.motion])
                 for space in (space.with_lifting(lifting) for space in spaces):
                     trajectory = run_reduced(ReducedStepper(space, reduced), reference)
-                    error = with_errors(trajectory, trajectory, space, reference).relative_error
+                    error = with_errors(trajectory, space, reference).relative_error
                     errors[space.name].append(math.inf if error is None or math.isnan(error) else error)
                     bar.update()
     return {name: np.array(values) for name, values in errors.items()}

@@ -57,7 +57,7 @@ def online_error(run: Run, space: Space, names: Sequence[str], update: Callable[
         found = run.snapshots.recorded(name)
         reference = Reference(found.motion, found.held, run.snapshots.reader(name))
         trajectory = run_reduced(ReducedStepper(space, run.reduced_options), reference, progress=update)
-        played.append(with_errors(trajectory, trajectory, space, reference))
+        played.append(with_errors(trajectory, space, reference))
     error = error_of(played)
     return math.inf if error is None else error
 

@@ -64,7 +64,7 @@ def errors_of(scene: Scene, seed: int) -> Array:
         u, held = _frames(full, motion)
         reference = Reference(motion, held, _Frames(u))
         played = run_reduced(stepper, reference)
-        found = with_errors(played, played, space, reference).relative_error
+        found = with_errors(played, space, reference).relative_error
         errors[i] = math.inf if found is None or math.isnan(found) else found
     return errors
 

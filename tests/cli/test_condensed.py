@@ -158,7 +158,7 @@ def test_it_is_judged_pull_by_pull_on_motions_that_are_kept_aside(condensed: Exp
         reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
         starts = [drag.start for drag in recorded.motion.drags]
         played = run_reduced(ReducedStepper(space, run.reduced_options), reference, restarts=starts)
-        whole = with_errors(played, played, space, reference).relative_error
+        whole = with_errors(played, space, reference).relative_error
         errors = pull_errors(run)
     assert whole is not None and len(errors) == len(recorded.motion.drags)
     assert errors.min() * 0.999 <= whole <= errors.max() * 1.001

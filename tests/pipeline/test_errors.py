@@ -27,7 +27,7 @@ def a_run(seed: int = 5) -> tuple[NDArray[np.float64], NDArray[np.float64], NDAr
 
 
 def judged(
-    U: NDArray[np.float64], q: NDArray[np.float64], again: NDArray[np.float64], full: NDArray[np.float32]
+    U: NDArray[np.float64], q: NDArray[np.float64], again: NDArray[np.float64] | None, full: NDArray[np.float32]
 ) -> Trajectory:
     none = np.zeros(N, dtype=np.int64)
 
@@ -35,7 +35,8 @@ def judged(
         return Trajectory(none, none, none, np.zeros(N), coordinates=coordinates)
 
     space = Space.linear(SCENE, Basis.of(U, SCENE.mass), K)
-    return with_errors(run(q), run(again), space, Reference(Motion("any", N), {}, lambda a, b: full[a:b]))
+    reference = Reference(Motion("any", N), {}, lambda a, b: full[a:b])
+    return with_errors(run(q), space, reference, None if again is None else run(again))
 
 
 @pytest.mark.parametrize("chunk", [1, 4, 5, 100])
@@ -50,6 +51,13 @@ def test_the_errors_are_vertex_distances_frame_by_frame_whatever_the_chunks(
     np.testing.assert_allclose(result.mean_error, distance.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(result.max_error, distance.max(axis=1), rtol=1e-12)
     np.testing.assert_allclose(result.windowed_mean_error, again.mean(axis=1), rtol=1e-12)
+
+
+def test_a_run_without_a_windowed_one_is_its_own() -> None:
+    U, q, full = a_run()
+    alone, twice = judged(U, q, None, full), judged(U, q, q, full)
+    for name in ("mean_error", "max_error", "windowed_mean_error", "mean_displacement"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(twice, name))
 
 
 def test_a_run_that_scales_the_motion_is_off_by_that_share_of_its_displacement() -> None:

@@ -203,7 +203,7 @@ def _write_simulation(
             windowed = replace(run, coordinates=near[1])
             reference = Reference(Motion(name, len(field)), {}, lambda a, b, data=field: data[a:b])
             held = Space.linear(scene, Basis.of(U, scene.mass), columns)
-            runs[space][name] = with_errors(run, windowed, held, reference)
+            runs[space][name] = with_errors(run, held, reference, windowed)
     notes = {"latent_points": 5, "linear_points": 8, "space": "latent"}
     write_simulation(folder / "simulation.h5", _header(folder, "simulation", **notes), runs)
 
