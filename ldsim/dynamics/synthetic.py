@@ -54,11 +54,7 @@ def synthetic_stepper(scene: Scene, basis: Basis, q: Array, seed: int, progress:
 
 
 def synthetic_frames(
-    stepper: ReducedStepper,
-    motion: Motion,
-    tell: Callable[[], object],
-    together: int | None = None,
-    threads: int = 0,
+    stepper: ReducedStepper, motion: Motion, tell: Callable[[], object], together: int | None = None
 ) -> Array:
     """Coordinates of the frames of a motion, (N, k) float64; where a run is lost, of the frames before.
 
@@ -66,7 +62,7 @@ def synthetic_frames(
         motion: whose grabs and gravity are stepped, with all pins at rest.
         tell: called after each frame.
         together: frames that are run one after another; then the solid is at rest again. None for all of them.
-        threads: that share out these runs, 0 for one a core. The result does not depend on it.
+            Such runs are shared out on the cores, on which the result does not depend.
     """
     lock = Lock()
 
@@ -82,4 +78,4 @@ def synthetic_frames(
 
     length = together or motion.frames
     runs = [range(start, min(start + length, motion.frames)) for start in range(0, motion.frames, length)]
-    return np.concatenate([np.empty((0, stepper.space.decoder.k)), *in_threads(run, runs, threads)])
+    return np.concatenate([np.empty((0, stepper.space.decoder.k)), *in_threads(run, runs)])

@@ -21,7 +21,6 @@ from ldsim.mechanics.motion import Motion
 from ldsim.optimise.solution import Reason
 from ldsim.options import Field, Options
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
-from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.run import Run, latent_space
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
@@ -92,7 +91,7 @@ def read_rounds(folder: Path) -> list[Round]:
         return []
 
 
-def pull_errors(run: Run, progress: Progress = SILENT) -> Array:
+def pull_errors(run: Run) -> Array:
     """The online error of the latent space on each pull of the validation motions, (p,); infinite where it was lost.
 
     A pull lasts until the next one starts, and begins where the full space is then, for no other answers for what is
@@ -107,13 +106,13 @@ def pull_errors(run: Run, progress: Progress = SILENT) -> Array:
     if not names:
         raise SettingsError("no motion has the role validation, which an error that is asked for is judged by; add one")
     space = _space(run)
-    with one_thread(), progress.bar("validation", sum(map(snapshots.frames, names)), "frame") as bar:
+    with one_thread():
         for name in names:
             found = snapshots.recorded(name)
             reference = Reference(found.motion, found.held, snapshots.reader(name))
             lifted = space.with_lifting(Lifting.of(run.scene, [found.motion]))
             stepper = ReducedStepper(lifted, run.reduced_options)
-            played = run_reduced(stepper, reference, restarts=starts(found.motion), progress=bar.update)
+            played = run_reduced(stepper, reference, restarts=starts(found.motion))
             judged = with_errors(played, lifted, reference)
             assert judged.mean_error is not None and judged.mean_displacement is not None
             distance = np.where(played.reason == Reason.INFINITE_START, np.nan, judged.mean_error)

@@ -92,14 +92,15 @@ def test_gravity_of_the_motion_is_the_gravity_of_the_run(body: Scene, space: tup
     assert np.linalg.norm(still) < 1e-9
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_each_group_of_frames_starts_at_rest_whatever_the_threads(
-    body: Scene, space: tuple[Array, ReducedStepper], threads: int
+@pytest.mark.parametrize("cores", [1, 3])
+def test_each_group_of_frames_starts_at_rest_whatever_the_cores(
+    body: Scene, space: tuple[Array, ReducedStepper], cores: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
     _, stepper = space
     motion = pulled(body, 1)
     told: list[int] = []
-    q = synthetic_frames(stepper, motion, lambda: told.append(1), together=22, threads=threads)
+    q = synthetic_frames(stepper, motion, lambda: told.append(1), together=22)
     assert len(q) == len(told) == motion.frames == 66
     np.testing.assert_array_equal(q[:22], synthetic_frames(stepper, motion.first(22), lambda: None))
     for drag in range(3):
