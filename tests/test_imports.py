@@ -43,7 +43,6 @@ ROOMS = (
     "__main__",
     "reproduction",
 )
-NUMERICS = ("errors", "mesh", "optimise", "mechanics", "space", "cubature", "learn", "dynamics")
 OWNERS = {
     "numba": ("jit", "dynamics/reduced/advance", "optimise/lapack"),
     "llvmlite": ("optimise/lapack",),
@@ -115,11 +114,6 @@ def test_a_third_party_package_is_imported_by_its_owner_alone(path: Path) -> Non
         if any(place == owner or place.startswith(f"{owner}/") for owner in OWNERS.get(package, ()))
     }
     assert not packages - owned
-
-
-def test_numerics_know_neither_artefacts_nor_settings_nor_commands() -> None:
-    for name in NUMERICS:
-        assert ROOMS.index(name) < min(map(ROOMS.index, ("artefacts", "settings", "cli", "report", "pipeline")))
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"]], ids=" ".join)
