@@ -16,6 +16,8 @@ TURN = 25.0
 RAISED, RAISED_OVER_FLAT = 14.0, 40.0
 # Ratios: of horizontal variances above which no direction is the thin one; of height to breadth below which it is flat.
 ROUND, FLAT = 0.7, 0.4
+# Around what is seen, as a share of its larger side.
+RIM = 0.03
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,9 @@ def project(view: View, screen: Array) -> Array:
     return flat
 
 
-def limits_of(view: View, positions: Array, margin: float = 0.03) -> Array:
+def limits_of(view: View, positions: Array) -> Array:
     """(left, right, bottom, top) of what `view` sees of all positions (..., 3), metres, and a margin around it."""
     flat = project(view, screen_positions(view, positions)).reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)
-    rim = margin * max(float((high - low).max()), 1e-9)
+    rim = RIM * max(float((high - low).max()), 1e-9)
     return np.array([low[0] - rim, high[0] + rim, low[1] - rim, high[1] + rim])

@@ -113,19 +113,19 @@ def curve(name: str, colour: str, x: ArrayLike, y: ArrayLike, **look: Any) -> Se
     return Series(name, colour, xs, ys, **look)
 
 
-def thinned(x: ArrayLike, y: ArrayLike, limit: int = MAX_POINTS) -> tuple[Array, Array]:
-    """At most `limit` points of the curve y(x), (N,) each, that keep its peaks.
+def thinned(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """At most MAX_POINTS points of the curve y(x), (N,) each, that keep its peaks.
 
-    The curve is cut into limit/2 runs of equal length, and each gives its lowest and its highest point. Points that
-    are not finite are left out.
+    The curve is cut into half as many runs of equal length, and each gives its lowest and its highest point. Points
+    that are not finite are left out.
     """
     a, b = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if a.shape != b.shape or a.ndim != 1:
         raise ValueError(f"a curve has x of shape {a.shape} and y of shape {b.shape}; expected twice the same (N,)")
     finite = np.isfinite(a) & np.isfinite(b)
     a, b = a[finite], b[finite]
-    if len(a) <= limit:
+    if len(a) <= MAX_POINTS:
         return a, b
-    runs = np.array_split(np.arange(len(a)), limit // 2)
+    runs = np.array_split(np.arange(len(a)), MAX_POINTS // 2)
     keep = np.unique([run[pick(b[run])] for run in runs for pick in (np.argmin, np.argmax)])
     return a[keep], b[keep]

@@ -16,7 +16,7 @@ from ldsim.space.novelty import remembered
 VERTEX_DISTANCE = "mean vertex distance, mm"
 
 
-def draw_figures(run: Run, cubature_tolerance: float | None) -> dict[str, Figure]:
+def draw_figures(run: Run, cubature_tolerance: float) -> dict[str, Figure]:
     """Name → every figure that the run has data for; names begin with that of their place in the page."""
     figures = {
         "error_against_k": error_against_k(run),
@@ -91,7 +91,7 @@ def training_history(run: Run) -> Figure:
     )
 
 
-def cubature_error(run: Run, tolerance: float | None) -> Figure | None:
+def cubature_error(run: Run, tolerance: float) -> Figure:
     """Relative error of cubature against its number of points, for each space, and the tolerance asked for."""
     series = []
     for space in REDUCED:
@@ -103,15 +103,12 @@ def cubature_error(run: Run, tolerance: float | None) -> Figure | None:
             curve(f"{space}, fitted poses", space, points, fitted, marker=MARKERS[space]),
             curve(f"{space}, kept back", space, points, kept_back, marker=MARKERS[space], dashed=True),
         ]
-    if not series:
-        return None
-    asked = () if tolerance is None else (Guide(tolerance, f"tolerance {plain_number(tolerance)}", at_start=True),)
     return Figure(
         "Relative force error against the number of cubature points",
         Axis("cubature points", log=True),
         Axis("relative force error", log=True),
         tuple(one for one in series if one.x),
-        guides=asked,
+        guides=(Guide(tolerance, f"tolerance {plain_number(tolerance)}", at_start=True),),
     )
 
 

@@ -82,7 +82,7 @@ def build_report(
 
 
 def write_report(folder: Path, report: Report) -> None:
-    """Replace the folder of a report whole; report.html is written last, because make looks at its time.
+    """Replace the folder of a report whole.
 
     Raises:
         ArtefactError: the folder cannot be written; what was there before is untouched.

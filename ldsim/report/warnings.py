@@ -12,11 +12,11 @@ LARGE_ONLINE_ERROR = 0.1
 UNSEEN_GAP = 3.0
 
 
-def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float | None = None) -> list[str]:
+def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float) -> list[str]:
     """Warnings that report.json alone can tell, the gravest first.
 
     Args:
-        cubature_tolerance: relative error that was asked of cubature; None skips that check.
+        cubature_tolerance: relative error that was asked of cubature.
 
     Returns:
         Sentences: diverged runs, test and validation motions missed by more than 10 %, latent steps slower than linear
@@ -74,7 +74,7 @@ def _slower_than_linear(report: RunNumbers) -> list[str]:
     ]
 
 
-def _cubature_misses(report: RunNumbers, tolerance: float | None) -> list[str]:
+def _cubature_misses(report: RunNumbers, tolerance: float) -> list[str]:
     found = []
     for space in REDUCED:
         rule = report.cubature[space]
@@ -82,7 +82,7 @@ def _cubature_misses(report: RunNumbers, tolerance: float | None) -> list[str]:
         for reached, where in (
             ((errors.kept_back, "poses kept back"), (errors.fitted, "fitted poses")) if errors else ()
         ):
-            if tolerance is not None and reached is not None and reached > tolerance:
+            if reached is not None and reached > tolerance:
                 found.append(
                     f"Cubature of the {space} space has a relative error of {readable(reached)} on {where}; "
                     f"{tolerance:g} was asked for."

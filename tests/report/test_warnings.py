@@ -9,8 +9,8 @@ from ldsim.report.warnings import warnings_of_numbers
 from tests.report.example_report import example_report
 
 
-def warnings_of(report, **tolerance):
-    return warnings_of_numbers(RunNumbers.model_validate(report), **tolerance)
+def warnings_of(report):
+    return warnings_of_numbers(RunNumbers.model_validate(report), cubature_tolerance=0.1)
 
 
 def harmless_report():
@@ -25,7 +25,7 @@ def harmless_report():
 
 
 def test_a_good_run_gives_none():
-    assert warnings_of(harmless_report(), cubature_tolerance=0.1) == []
+    assert warnings_of(harmless_report()) == []
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_each_cause_gives_its_own(path, value, expected):
     for key in path[:-1]:
         parent = parent[key]
     parent[path[-1]] = value
-    (warning,) = warnings_of(report, cubature_tolerance=0.1)
+    (warning,) = warnings_of(report)
     assert expected in warning
 
 
@@ -59,4 +59,4 @@ def test_what_was_not_measured_gives_none():
     report = harmless_report()
     report["reconstruction"]["test"] = report["cubature"]["latent"] = None
     report["simulate"]["latent"][1]["online_error"] = None
-    assert warnings_of(report, cubature_tolerance=0.1) == []
+    assert warnings_of(report) == []
