@@ -23,8 +23,9 @@ from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.drawing import DrawnPose, Picture, Pull, side_by_side
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
+from ldsim.settings.make import Staleness
 from reproduction.bench.examples import lacking
-from reproduction.harness import CONFIGS, up_to_date
+from reproduction.harness import CONFIGS
 
 WIDTH = 720
 
@@ -50,7 +51,9 @@ def pictures(runs: Path) -> Iterator[tuple[Path, bytes]]:
     """
     for config in sorted(CONFIGS.glob("*.yaml")):
         settings = load_settings(config)
-        if up_to_date(runs / config.stem, settings, "snapshot"):
+        with Run(runs / config.stem, settings.experiment) as run:
+            there = not Staleness(run, settings, config.parent).reasons("snapshot")
+        if there:
             frames = _recorded(runs / config.stem, settings)
         elif (reason := lacking(config)) is None:
             frames = _stepped(settings)

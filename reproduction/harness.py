@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ldsim.artefacts.atomic import replacing
-from ldsim.artefacts.store import STAGE_OF
 from ldsim.cli.stage import Bars
-from ldsim.errors import ArtefactError
 from ldsim.jit import one_thread
 from ldsim.pipeline.cubature import cubature
 from ldsim.pipeline.files import file_sums
@@ -30,6 +28,7 @@ from ldsim.pipeline.train import train
 from ldsim.report.machine import describe_machine
 from ldsim.run import Run
 from ldsim.settings import STAGES, Settings, settings_of
+from ldsim.settings.make import Staleness
 from reproduction.pages import input_hashes
 
 ROOT = Path(__file__).parent.parent
@@ -46,7 +45,6 @@ PIPELINE = [*COMPUTES, "ldsim/pipeline"]
 Row = dict[str, Any]
 Stage = Callable[[Run, Settings, Progress, Path], object]
 
-WRITES = {stage: kind for kind, stage in STAGE_OF.items()}
 FUNCTIONS: dict[str, Stage] = {
     "mesh": lambda run, settings, progress, base: mesh(run, settings.mesh, progress, base),
     "snapshot": lambda run, settings, progress, base: snapshot(run, settings.snapshot, progress, base),
@@ -123,26 +121,9 @@ def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path
     """
     with Run(folder, settings.experiment) as run:
         for stage in stages:
-            if not up_to_date(folder, settings, stage):
+            if Staleness(run, settings, base).reasons(stage):
                 FUNCTIONS[stage](run, settings, Bars(), base)
     return folder
-
-
-def up_to_date(folder: Path, settings: Settings, stage: str) -> bool:
-    """Whether a stage's artefact is whole and was made with these settings from the files that lie there."""
-    wanted = {WRITES[stage]: settings.section(stage)}
-    if stage == "snapshot":
-        wanted = {"snapshots": settings.snapshot.learned, "tests": settings.snapshot.tests}
-    with Run(folder, settings.experiment) as run:
-        for kind, section in wanted.items():
-            try:
-                header = run.header(kind)
-                run.require(kind, *header.inputs)
-            except ArtefactError:
-                return False
-            if header.settings != section.dump():
-                return False
-    return True
 
 
 def linked(source: Path, folder: Path, kinds: Sequence[str]) -> Path:

@@ -24,12 +24,12 @@ from ldsim.report.frontier import on_role
 from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
+from ldsim.settings.make import KINDS_OF
 from reproduction.bench.frontier import seeded
 from reproduction.harness import (
     FUNCTIONS,
     PIPELINE,
     ROOT,
-    WRITES,
     Row,
     called,
     linked,
@@ -41,7 +41,6 @@ from reproduction.harness import (
 
 NAME = "repeat"
 SEEDS = (101, 102)
-WRITTEN = {stage: (WRITES[stage],) if stage != "snapshot" else ("snapshots", "tests") for stage in FUNCTIONS}
 # What MKL_NUM_THREADS says torch obeys whatever ldsim allows it, so that is not set.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 AVX2 = {
@@ -69,7 +68,7 @@ def made(config: Path, settings: Settings, runs: Path, variables: Mapping[str, s
     """The folder of a whole run."""
     folder = runs / settings.experiment
     if not (folder / "simulation.h5").exists():
-        for stage in WRITTEN:
+        for stage in FUNCTIONS:
             called_stage(stage, config, runs, variables)
     return folder
 
@@ -118,7 +117,8 @@ def measured(config: Path, runs: Path) -> list[Row]:
     for variant, variables in VARIANTS.items():
         own = runs / variant.replace(" ", "_")
         known: list[str] = []
-        for stage, kinds in WRITTEN.items():
+        for stage in FUNCTIONS:
+            kinds = KINDS_OF[stage]
             folder = own / stage / model
             if not all((folder / f"{kind}.h5").exists() for kind in kinds):
                 called_stage(stage, config, linked(first, folder, known).parent, variables)
