@@ -26,11 +26,11 @@ def read_recording(path: Path, name: str) -> Motion:
     if not path.is_file():
         raise MotionError(f"recording {path} cannot be read: it is no file")
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise MotionError(f"recording {path} cannot be read: {error}") from error
     header = dict(_key_value(line) for line in lines if line.startswith("#") and ":" in line)
-    rows = [line.split(",") for line in lines if line.strip() and not line.startswith("#")]
+    rows = [[word.strip() for word in line.split(",")] for line in lines if line.strip() and not line.startswith("#")]
     if len(rows) < 2:
         raise MotionError(f"recording {path} holds no frames; expected a header line and one row a frame")
     missing = [column for column in COLUMNS if column not in rows[0]]

@@ -34,6 +34,15 @@ def test_runs_of_dragging_rows_become_drags(tmp_path: Path) -> None:
     assert (first.stiffness, first.radius) == (30, 0.03)
 
 
+@pytest.mark.parametrize(("encoding", "comma"), [("utf-8-sig", ","), ("utf-8", ", ")], ids=["mark", "spaces"])
+def test_a_recording_that_a_spreadsheet_wrote_is_read(tmp_path: Path, encoding: str, comma: str) -> None:
+    """With the mark of its encoding in front, or spaces after the commas."""
+    path = tmp_path / "recording.csv"
+    path.write_text(HEADER + (COLUMNS + "\n".join(ROWS)).replace(",", comma), encoding=encoding)
+    motion = read_recording(path, "m")
+    assert motion.drags[0].targets.tolist() == [[1, 2, 3], [1, 2, 4]] and motion.drags[0].stiffness == 30
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
