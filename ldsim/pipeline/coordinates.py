@@ -131,7 +131,7 @@ def frames_of(run: Run, role: str = "train") -> Iterator[tuple[Array, Loads]]:
         recorded, read = run.snapshots.recorded(name), run.snapshots.reader(name)
         loads = MotionLoads(recorded.motion, run.scene, dict(recorded.held))
         count = run.snapshots.frames(name)
-        ends = [drag.start + len(drag.targets) - 1 for drag in recorded.motion.drags]
+        ends = [min(drag.stop, count) - 1 for drag in recorded.motion.drags if drag.start < count]
         frames = np.array(
             ends if len(ends) >= of_each // 2 else np.linspace(0, count - 1, of_each + 2)[1:-1], dtype=int
         )

@@ -13,8 +13,9 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline import coordinates
-from ldsim.pipeline.coordinates import combined, needed_coordinates, slaving_errors
+from ldsim.pipeline.coordinates import combined, frames_of, needed_coordinates, slaving_errors
 from ldsim.pipeline.coordinates import slowest as slowest_of
 from ldsim.pipeline.progress import SILENT
 from ldsim.space.compliance import Compliance
@@ -116,3 +117,19 @@ def test_the_slowest_combinations_are_vibration_modes_where_the_basis_holds_them
     again = combined(run.basis, slowest_of(run))
     overlap = np.abs(own.project(again.matrix.T))
     np.testing.assert_allclose(overlap, np.eye(6), atol=1e-6)
+
+
+def test_of_a_pull_that_the_end_of_its_motion_cuts_the_last_frame_is_taken() -> None:
+    """A pull that would begin after the end has none."""
+    point, count = BODY.mesh.vertices[-1], 10
+    pulls = tuple(Drag(start, point, np.tile(point, (6, 1)), 0.01, 10.0, at_rest=True) for start in (0, 7, 12))
+    held = {i: np.array([BODY.mesh.n_vertices - 1]) for i in range(len(pulls))}
+    frames = np.arange(count)[:, None, None] * np.ones((1, BODY.mesh.n_vertices, 3))
+    snapshots = SimpleNamespace(
+        with_role=lambda role: ["a"] * 8,
+        recorded=lambda name: SimpleNamespace(motion=Motion("a", count, pulls), held=held),
+        reader=lambda name: lambda start, stop: frames[start:stop],
+        frames=lambda name: count,
+    )
+    run: Any = SimpleNamespace(scene=BODY, snapshots=snapshots)
+    assert {int(u[0, 0]) for u, _ in frames_of(run)} <= {5, 9}
