@@ -105,12 +105,18 @@ def tetrahedralized_to_count(
     The first is that of regular tets of the right volume, l³ = 6√2 V / cells; the next ones follow the number got.
 
     Raises:
-        MeshError: as `tetrahedralized`.
+        MeshError: as `tetrahedralized` in the first try; where a later one fails, those before it count.
     """
     length = float((6 * np.sqrt(2) * surface.volume / cells) ** (1 / 3))
     tried: list[Tetrahedralization] = []
     while len(tried) < TRIES:
-        tried.append(tetrahedralized(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
+        try:
+            tried.append(tetrahedralized(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
+        except MeshError as error:
+            if not tried:
+                raise
+            tell(f"the next edge length, {1e3 * length:.3g} mm: {error}; the nearest of the tries before is taken")
+            break
         length, got = tried[-1].edge_length, tried[-1].mesh.n_cells
         tell(
             f"try {len(tried)} of at most {TRIES}: edge length {1e3 * length:.3g} mm, {got} tets, of {cells} asked for"

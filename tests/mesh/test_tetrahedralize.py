@@ -103,6 +103,33 @@ def test_the_nearest_try_is_kept_when_none_is_near(monkeypatch: pytest.MonkeyPat
     assert not counts
 
 
+def fails_at(number: int) -> Callable[..., Tetrahedralization]:
+    """A stand-in that makes 250 tets and fails in one of its tries, counted from 1."""
+    tries: list[float] = []
+
+    def fill(surface: Triangles, edge_length: float, *rest: object) -> Tetrahedralization:
+        tries.append(edge_length)
+        if len(tries) == number:
+            raise MeshError("fTetWild did not fill the surface within 600 s")
+        tet = np.tile(np.arange(4, dtype=np.int32), (250, 1))
+        return Tetrahedralization(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
+
+    return fill
+
+
+def test_a_try_that_fails_leaves_the_nearest_of_those_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(tetrahedralize, "tetrahedralized", fails_at(2))
+    assert tetrahedralized_to_count(box(SIDES), 1000, tell=told.append).mesh.n_cells == 250
+    assert "within 600 s" in told[-1] and "the nearest of the tries before is taken" in told[-1]
+
+
+def test_a_first_try_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tetrahedralize, "tetrahedralized", fails_at(1))
+    with pytest.raises(MeshError, match="within 600 s"):
+        tetrahedralized_to_count(box(SIDES), 1000)
+
+
 @needs_ftetwild
 def test_fTetWild_is_stopped_when_it_takes_too_long() -> None:  # noqa: N802
     with pytest.raises(MeshError, match="within 1 s; give a larger mesh.surface.edge_length"):
