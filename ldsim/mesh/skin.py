@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -85,18 +86,25 @@ def read_obj(path: Path) -> Skin:
     for number, (word, rest) in _lines(path):
         try:
             if word in said.numbers:
-                said.numbers[word].append([float(value) for value in rest.split()[: 2 if word == "vt" else 3]])
+                said.numbers[word].append(_numbers(rest, 2 if word == "vt" else 3))
             elif word in ("g", "o"):
                 group = rest
             elif word == "usemtl":
                 material = rest
             elif word == "mtllib":
-                said.looks |= _materials(path.with_name(rest))
+                said.looks |= _materials(path, rest)
             elif word == "f":
                 _add_face(said, rest.split(), said.names.setdefault((group, material), len(said.names)))
-        except (ValueError, IndexError) as error:
+        except (ValueError, IndexError, OSError) as error:
             raise MeshError(f"{path}, line {number}: {word} {rest!r} is not understood ({error})") from error
     return _skin_of(said)
+
+
+def _numbers(rest: str, count: int) -> list[float]:
+    found = [float(value) for value in rest.split()[:count]]
+    if len(found) < count:
+        raise ValueError(f"{len(found)} numbers, {count} are needed")
+    return found
 
 
 def _add_face(said: _Obj, words: list[str], part: int) -> None:
@@ -124,23 +132,29 @@ def _skin_of(said: _Obj) -> Skin:
     return Skin(numbers["v"].reshape(-1, 3)[v], triangles, uv, normals, np.array(said.part, dtype=np.int64), parts)
 
 
-def _materials(path: Path) -> dict[str, Paint]:
-    """The looks of an MTL file; what is not there leaves a plain one."""
+def _below(folder: Path, file: Path, name: str) -> Path | None:
+    """What a file names, where it lies in a folder or below: nobody's surface draws in what else is on this machine."""
+    place = Path(os.path.abspath(file.parent / name.replace("\\", "/")))
+    return place if place.is_relative_to(os.path.abspath(folder)) and place.is_file() else None
+
+
+def _materials(obj: Path, library: str) -> dict[str, Paint]:
+    """The looks of the MTL file that an OBJ file names; what is not there leaves a plain one."""
     found: dict[str, Paint] = {}
-    if not path.is_file():
+    path, name = _below(obj.parent, obj, library), ""
+    if path is None:
         return found
-    name = ""
     for _, (word, rest) in _lines(path):
         if word == "newmtl":
             name, found[rest] = rest, Paint(rest)
         elif word == "Kd" and name:
-            red, green, blue = map(float, rest.split()[:3])
+            red, green, blue = _numbers(rest, 3)
             found[name] = replace(found[name], colour=(red, green, blue, found[name].colour[3]))
         elif word == "d" and name:
             found[name] = replace(found[name], colour=(*found[name].colour[:3], float(rest.split()[0])))
         elif word == "map_Kd" and name:
-            picture = path.with_name(rest.split()[-1])
-            if picture.is_file():
+            picture = _below(obj.parent, path, rest.split()[-1])
+            if picture is not None:
                 found[name] = replace(found[name], texture=picture.read_bytes(), suffix=picture.suffix.lower())
     return found
 
@@ -148,10 +162,10 @@ def _materials(path: Path) -> dict[str, Paint]:
 def _lines(path: Path) -> Iterator[tuple[int, tuple[str, str]]]:
     """Number, first word and rest of each line that says something."""
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise MeshError(f"{path} cannot be read: {error}") from error
     for number, line in enumerate(text.splitlines(), 1):
-        word, _, rest = line.partition("#")[0].strip().partition(" ")
+        word, rest = (*line.partition("#")[0].split(maxsplit=1), "", "")[:2]
         if word:
             yield number, (word, rest.strip())

@@ -47,6 +47,56 @@ def test_other_formats_have_places_alone(tmp_path: Path) -> None:
     assert skin.uv is None and skin.normals is None and skin.positions[1].tolist() == [0.5, 0, 0]
 
 
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl wood\nf 1 2 3\n"
+
+
+def painted(folder: Path, materials: str, picture: str) -> bytes:
+    """The texture of a triangle whose OBJ file lies in a folder and names its materials, and these their picture."""
+    file = folder / "part.obj"
+    file.write_text(f"mtllib {materials}\n{TRIANGLE}")
+    place = folder / materials.replace("\\", "/")
+    if place.parent.is_dir():
+        place.write_text(f"newmtl wood\nKd 1 0 0\nmap_Kd {picture}\n")
+    ((_, look),) = read_skin(file).parts
+    return look.texture
+
+
+@pytest.mark.parametrize(
+    ("materials", "picture", "found"),
+    [
+        ("part.mtl", "textures/wood.png", True),
+        ("part.mtl", "textures\\wood.png", True),
+        ("mats/a.mtl", "../textures/wood.png", True),
+        ("part.mtl", "textures/stone.png", False),
+        ("none/a.mtl", "textures/wood.png", False),
+        ("part.mtl", "../outside.png", False),
+        ("part.mtl", "/{outside}", False),
+        ("part.mtl", "C:\\art\\wood.png", False),
+        ("part.mtl", "textures", False),
+    ],
+)
+def test_materials_and_pictures_below_the_file_are_read_and_what_is_not_there_leaves_a_plain_look(
+    tmp_path: Path, materials: str, picture: str, found: bool
+) -> None:
+    """Nor does somebody's file draw in pictures that lie elsewhere on this machine."""
+    folder = tmp_path / "part"
+    for name in ("textures", "mats"):
+        (folder / name).mkdir(parents=True)
+    for place in (folder / "textures" / "wood.png", tmp_path / "outside.png"):
+        place.write_bytes(PICTURE)
+    name = picture.format(outside=str(tmp_path / "outside.png").lstrip("/"))
+    assert painted(folder, materials, name) == (PICTURE if found else b"")
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding"), [(TRIANGLE, "utf-8-sig"), (TRIANGLE.replace(" ", "\t"), "utf-8")], ids=["mark", "tabs"]
+)
+def test_a_mark_of_the_encoding_and_tabs_are_understood(tmp_path: Path, text: str, encoding: str) -> None:
+    (tmp_path / "part.obj").write_text(text, encoding=encoding)
+    skin = read_skin(tmp_path / "part.obj")
+    assert len(skin.positions) == 3 and skin.parts[0][1].name == "wood"
+
+
 def _gltf(document: dict[str, object]) -> str:
     return json.dumps({"asset": {"version": "2.0"}, **document})
 
@@ -55,6 +105,8 @@ WRONG = {
     "missing": (None, "glb", "does not exist"),
     "corner": ("v 0 0 0\nv 1 0 0\nf 1 2 7\n", "obj", "line 3: f '1 2 7' is not understood"),
     "number": ("v 0 zero 0\n", "obj", "line 1: v '0 zero 0' is not understood"),
+    "cut off": ("v 0 0 0\nv 1 0 0\nv 0 1", "obj", "line 3: v '0 1' is not understood .2 numbers, 3 are needed"),
+    "short texture": ("vt 0.5 0.5\nvt 0.5\n", "obj", "line 2: vt '0.5' is not understood .1 numbers, 2 are needed"),
     "no faces": ("v 0 0 0\n", "obj", "the surface has no triangles"),
     "not finite": ("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj", "not finite"),
     "no JSON": ("solid", "gltf", "not a readable glTF file"),
