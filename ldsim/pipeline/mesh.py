@@ -17,7 +17,7 @@ from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import naming, read_mesh, read_surface
-from ldsim.mesh.mesh import Mesh, reoriented
+from ldsim.mesh.mesh import Mesh, check_cells, reoriented
 from ldsim.mesh.options import SurfaceOptions
 from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.repair import repaired
@@ -73,6 +73,7 @@ def described_scene(
         made, notes = _of_surface(options, progress, base, kept)
     else:
         (made, cell_data), notes = _volume(options, progress, base), {}
+    check_cells(made)  # before anything is integrated over them
     pinned = pinned_vertices(made, options.pins)
     properties = _properties(options, made, cell_data)
     forces = [load_force(made, properties.density, load) for load in options.loads]

@@ -72,6 +72,13 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "hexes to refine": (change("mesh", TINY["mesh"] | HEXES), "only tet4 meshes can be refined"),
     "inverted cells": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 2 3 5")), "mesh.reorient"),
     "flat cells": (mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5")), "volume"),
+    "flat cells under a load": (
+        lambda experiment: (
+            mesh_file("a.mesh", TETS.format(apex="1 1 0", cell="1 2 3 5"))(experiment),
+            add(experiment, "mesh", "loads: [{acceleration: [0, 0, 1], where: {slab: {axis: x, thickness: 9}}}]"),
+        ),
+        "volume",
+    ),
     "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "must be finite"),
     "vertices out of range": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 3 2 9")), "a.mesh"),
     "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, mounted_bar"),
