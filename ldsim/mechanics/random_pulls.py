@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ldsim.arrays import Array, Indices
+from ldsim.errors import SceneError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.scene import Scene
@@ -21,7 +22,11 @@ FARTHER = 1.5
 
 
 def surface_pulls(name: str, scene: Scene, options: PullOptions) -> Motion:
-    """Random pulls at the movable surface of a scene."""
+    """Random pulls at the movable surface of a scene.
+
+    Raises:
+        SceneError: the pins hold all of its surface.
+    """
     return random_pulls(name, scene.mesh.vertices[_movable_surface(scene)], options)
 
 
@@ -55,7 +60,13 @@ def spread_points(scene: Scene, count: int) -> Indices:
 
 
 def _movable_surface(scene: Scene) -> Indices:
-    return np.intersect1d(surface_vertices(scene.mesh), scene.free)
+    movable: Indices = np.intersect1d(surface_vertices(scene.mesh), scene.free)
+    if not len(movable):
+        raise SceneError(
+            f"no vertex of the surface can move; the pins hold all of it, and the {len(scene.free)} free vertices lie "
+            "inside, where nothing pulls: pin less (mesh.pins)"
+        )
+    return movable
 
 
 def random_pulls(name: str, points: Array, options: PullOptions) -> Motion:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from ldsim.errors import SceneError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.random_pulls import FARTHER, covering_pulls, surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
+from ldsim.mesh.surface import surface_vertices
 from tests.helpers import scene
 
 SOLID = scene(beam(0.4, 0.05, 0.05, 2), gravity=(0.0, -9.8, 0.0))
@@ -41,3 +46,12 @@ def test_every_other_has_the_gravity_of_the_scene_and_the_rest_as_much_in_other_
 def test_a_solid_that_nothing_pulls_has_turned_gravity_alone() -> None:
     found = covering_pulls("b", SOLID, [Motion("still", 5)], 4, seed=1)
     assert not found.drags and found.gravity is not None and found.frames == len(found.gravity)
+
+
+def test_a_solid_whose_pins_hold_all_of_its_surface_cannot_be_pulled() -> None:
+    pinned = np.isin(np.arange(SOLID.mesh.n_vertices), surface_vertices(SOLID.mesh))
+    inside = replace(SOLID, pinned=pinned)
+    assert len(inside.free)
+    with pytest.raises(SceneError, match=r"no vertex of the surface can move; .* \(mesh\.pins\)") as error:
+        motion_of(inside)
+    assert "\n" not in str(error.value)
