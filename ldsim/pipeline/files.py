@@ -28,7 +28,7 @@ def resolve_path(text: str, base: Path) -> Path:
     """A path of a configuration: $LDSIM_DATA expanded, relative to the folder `base`, that of the configuration.
 
     Raises:
-        SettingsError: LDSIM_DATA is used but not set, or the file is not there.
+        SettingsError: LDSIM_DATA is used but not set, or the file is not there or cannot be read.
     """
     from_data = DATA_VARIABLE in text
     if from_data:
@@ -40,10 +40,18 @@ def resolve_path(text: str, base: Path) -> Path:
             )
         root = str(Path(root).resolve())
         text = text.replace("${" + DATA_VARIABLE + "}", root).replace("$" + DATA_VARIABLE, root)
-    path = base / Path(text).expanduser()
-    if not path.exists():
+    try:
+        path = base / Path(text).expanduser()
+        there = path.exists()
+    except RuntimeError as error:
+        raise SettingsError(f"{text} begins with a name that has no home folder here; give the whole path") from error
+    except OSError as error:  # a name that is too long, a folder that may not be searched
+        raise SettingsError(f"{text} cannot be read: {error.strerror}; give a file that can be read") from error
+    if not there:
         hint = f"; {DATA_VARIABLE} says where the paper's data lie, {DATA_ORIGIN}" if from_data else ""
         raise SettingsError(f"{path} does not exist{hint}")
     if not path.is_file():  # a folder, a device or a pipe, which might never end
         raise SettingsError(f"{path} is no file; give one that can be read to its end")
+    if not os.access(path, os.R_OK):
+        raise SettingsError(f"{path} may not be read by you; change its permissions or give another file")
     return path
