@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
 import os
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from ldsim.arrays import Indices
 from ldsim.errors import SolverError
@@ -12,8 +16,10 @@ from ldsim.mechanics.stiffness import StiffnessPattern, vertex_graph
 from ldsim.optimise.elimination import Elimination, eliminate, elimination_order
 from ldsim.optimise.sparse import factor_bytes
 
-# The share of the machine's memory that the factors of all workers may take; the rest is for meshes, frames and others.
+# The share of the memory that the factors of all workers may take; the rest is for meshes, frames and others.
 MEMORY_SHARE = 0.4
+# Where Linux tells what a container may take, by the second and the first version of control groups.
+CONTAINER_LIMITS = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +47,10 @@ def choose(scene: Scene, linear_solver: str, workers: int = 1, memory: float | N
     Args:
         linear_solver: "direct", "multigrid", or "auto" to go by the size of the factor.
         workers: how many hold a factor at a time.
-        memory: of the machine, bytes; measured if None.
+        memory: that there is, bytes; measured if None.
 
     Raises:
-        SolverError: a direct factor is asked for and is larger than the machine's memory.
+        SolverError: a direct factor is asked for and is larger than the memory.
     """
     free = scene.free
     unknowns = f"{3 * len(free):,} unknowns"
@@ -68,5 +74,20 @@ def choose(scene: Scene, linear_solver: str, workers: int = 1, memory: float | N
 
 
 def physical_memory() -> float:
-    """Memory of this machine, bytes."""
+    """Memory of this machine, or of the container where that has less, bytes; infinite where nothing tells it."""
+    return min((_of_machine(), *map(_container_limit, CONTAINER_LIMITS)))
+
+
+def _of_machine() -> float:
+    if sys.platform == "win32":
+        kilobytes = ctypes.c_ulonglong()
+        ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
+        return 1024.0 * kilobytes.value or math.inf
     return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+
+
+def _container_limit(path: Path) -> float:
+    try:
+        return float(path.read_text(encoding="ascii"))
+    except (OSError, ValueError):  # not there, or "max"
+        return math.inf

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
+import os
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from ldsim.dynamics.full.linear_choice import choose
+from ldsim.dynamics.full import linear_choice
+from ldsim.dynamics.full.linear_choice import choose, physical_memory
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.errors import SolverError
@@ -38,6 +47,30 @@ def test_what_is_asked_for_is_taken_and_named(name: str) -> None:
 def test_a_direct_factor_beyond_the_memory_is_refused_before_it_is_made() -> None:
     with pytest.raises(SolverError, match="snapshot.linear_solver is direct, but 2 × .* do not fit in 1e-06 GB"):
         choose(BODY, "direct", workers=2, memory=1000.0)
+
+
+@pytest.mark.parametrize(("limit", "found"), [("5000000\n", 5e6), ("max\n", math.inf), (None, math.inf)])
+def test_a_container_may_have_less_memory_than_its_machine(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, limit: str | None, found: float
+) -> None:
+    monkeypatch.setattr(linear_choice, "CONTAINER_LIMITS", (tmp_path / "memory.max",))
+    machine = physical_memory()
+    if limit is not None:
+        (tmp_path / "memory.max").write_text(limit)
+    assert physical_memory() == min(found, machine) and 1e8 < machine < math.inf
+
+
+@pytest.mark.parametrize(("kilobytes", "found"), [(16 << 20, 2.0**34), (0, math.inf)], ids=["told", "not told"])
+def test_windows_tells_its_memory_in_another_way(monkeypatch: pytest.MonkeyPatch, kilobytes: int, found: float) -> None:
+    def ask(place: Any) -> None:
+        place._obj.value = kilobytes
+
+    kernel = SimpleNamespace(GetPhysicallyInstalledSystemMemory=ask)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=kernel), raising=False)
+    monkeypatch.delattr(os, "sysconf")
+    monkeypatch.setattr(linear_choice, "CONTAINER_LIMITS", ())
+    assert physical_memory() == found
 
 
 @pytest.mark.parametrize("quasistatic", [False, True])
