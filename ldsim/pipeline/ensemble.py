@@ -7,6 +7,7 @@ and repeats an undisturbed run exactly, because the checkpoint holds all that th
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import socket
 import time
@@ -23,7 +24,7 @@ from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
 from ldsim.dynamics.simulate import simulate
-from ldsim.errors import SolverError
+from ldsim.errors import ArtefactError, LdsimError, SolverError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline.cluster import WorkerDied, result, started
@@ -49,10 +50,11 @@ def run_motions(
         scheduler: address of a Dask scheduler whose workers see the files at the same paths.
 
     Raises:
-        LdsimError: of the first motion that failed, or the scheduler cannot be reached; the others stop too, and the
-            frames of all are kept.
+        LdsimError: of the first motion that failed, which is named, or the scheduler cannot be reached; the others
+            stop too, and the frames of all are kept.
     """
     scene_path, folder = scene_path.resolve(), folder.resolve()
+    scene_hash = file_hash(scene_path)
     n_vertices = read_scene(scene_path)[0].mesh.n_vertices
     stores = [MotionStore(folder, motion) for motion in motions]
     waiting = sorted(motions, key=lambda motion: -motion.frames)
@@ -66,7 +68,8 @@ def run_motions(
             before, lease = len(waiting), Lease.taken(folder)
             try:
                 tasks = {
-                    found.pool.submit(run_motion, scene_path, lease, motion, options): motion for motion in waiting
+                    found.pool.submit(run_motion, scene_path, lease, motion, options, scene_hash): motion
+                    for motion in waiting
                 }
                 for future in _finished(tasks, show):
                     result(future, found.died)
@@ -89,11 +92,16 @@ def _finished(tasks: Iterable[Future[None]], show: Callable[[], None]) -> Iterat
         yield from done
 
 
-def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOptions) -> None:
+def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOptions, scene_hash: str) -> None:
     """Run one motion from rest or from its checkpoint to its end, in the process of a worker.
 
+    Args:
+        scene_hash: SHA-256 of the scene that it is to run on.
+
     Raises:
+        ArtefactError: the scene is another one by now.
         SolverError: the worker does not see the folder of the run, or another run took it over.
+        LdsimError: of a frame, naming the motion.
     """
     if lease.taken_over:
         raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
@@ -105,7 +113,9 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
     store = MotionStore(lease.folder, motion)
     with one_thread(), store.owned():
         scene, _ = read_scene(scene_path)
-        identity = run_identity(scene_path, motion, options)
+        if file_hash(scene_path) != scene_hash:
+            raise ArtefactError(f"{scene_path} changed while motions ran on it; run the stage again")
+        identity = run_identity(scene_hash, motion, options)
         stepper = FullStepper(scene, options)
         checkpoint = store.read_checkpoint(identity, scene.mesh.n_vertices * 12)
         if checkpoint is None:
@@ -117,21 +127,31 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
         frames = range(checkpoint.frames, motion.frames)
         started = time.perf_counter()
         made = simulate(stepper, motion, FullState(**checkpoint.state), frames, checkpoint.held)
-        for frame in none_lost(stepper, made):
-            seconds.append(time.perf_counter() - started)
-            for name, values in statistics.items():
-                values.append(int(getattr(frame.solution, name)))
-            counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
-            store.append(frame.state.u)
-            store.write_checkpoint(Checkpoint(identity, vars(frame.state), frame.held, counts, np.array(seconds)))
-            if not lease.holds():
-                raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
-            started = time.perf_counter()
+        with naming(motion.name):
+            for frame in none_lost(stepper, made):
+                seconds.append(time.perf_counter() - started)
+                for name, values in statistics.items():
+                    values.append(int(getattr(frame.solution, name)))
+                counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
+                store.append(frame.state.u)
+                store.write_checkpoint(Checkpoint(identity, vars(frame.state), frame.held, counts, np.array(seconds)))
+                if not lease.holds():
+                    raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
+                started = time.perf_counter()
 
 
-def run_identity(scene_path: Path, motion: Motion, options: FullOptions) -> str:
+@contextlib.contextmanager
+def naming(motion: str) -> Iterator[None]:
+    """Put the name of a motion in front of what is wrong with it."""
+    try:
+        yield
+    except LdsimError as error:
+        raise type(error)(f"motion {motion}: {error}") from error
+
+
+def run_identity(scene_hash: str, motion: Motion, options: FullOptions) -> str:
     """SHA-256 of all that a run depends on; how its linear systems are solved is left out: memory may choose that."""
-    digest = hashlib.sha256(file_hash(scene_path).encode())
+    digest = hashlib.sha256(scene_hash.encode())
     digest.update(repr((motion.name, motion.frames, options.replace(linear_solver="auto"))).encode())
     for name, values in motion_arrays(motion, {}).items():
         digest.update(name.encode() + values.tobytes())

@@ -51,11 +51,9 @@ def mesh(run: Run, options: MeshOptions, progress: Progress = SILENT, base: Path
         SceneError: material, pins or loads do not fit the mesh.
         SettingsError: a file or a shape that is not there.
     """
-    stage = run.stage("mesh", options)
+    stage, files = run.stage("mesh", options), file_sums(options.input_files, base)
     scene, notes = described_scene(options, progress, base, kept=run.path("scene"))
-    write_scene(
-        run.path("scene"), stage.header("scene", (), -1, files=file_sums(options.input_files, base), **notes), scene
-    )
+    write_scene(run.path("scene"), stage.header("scene", (), -1, files=files, **notes), scene)
     run.written("scene")
     return scene
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ldsim.artefacts.partial import MotionStore, Stored, StoredBefore, write_snapshots
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.linear_choice import choose
-from ldsim.errors import ArtefactError, LdsimError
+from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.options import ScriptOptions
 from ldsim.mechanics.random_pulls import surface_pulls
@@ -18,7 +18,7 @@ from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.script import released, scripted, swept
 from ldsim.options import read_options
-from ldsim.pipeline.ensemble import run_identity, run_motions
+from ldsim.pipeline.ensemble import naming, run_identity, run_motions
 from ldsim.pipeline.files import file_sums, resolve_path
 from ldsim.pipeline.options import MotionOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -50,17 +50,18 @@ def snapshot(
         LdsimError: a motion that cannot be made, a step that cannot be solved, workers that died; finished frames are
             kept.
     """
-    stages = {
-        kind: run.stage("snapshot", own) for kind, own in zip(KINDS, (options.learned, options.tests), strict=True)
-    }
+    parts = dict(zip(KINDS, (options.learned, options.tests), strict=True))
+    stages = {kind: run.stage("snapshot", part) for kind, part in parts.items()}
     run.require("scene")
+    # of what is read now: what is replaced while the motions run makes stale what they are written into
+    scene_hash, files = run.hash("scene"), {kind: file_sums(part.input_files, base) for kind, part in parts.items()}
     scene, folder = run.scene, run.folder / "snapshots.partial"
     motions = {entry.name: motion(scene, entry, base) for entry in options.motions}
     workers = min(options.workers, len(motions))
     choice = choose(scene, options.linear_solver, workers)
     words = f"{options.method}, {'quasi-static' if options.quasistatic else 'dynamic'}, {choice.words}"
     solver = options.solver.model_copy(update={"linear_solver": choice.name})
-    identities = {name: run_identity(run.path("scene"), each, solver) for name, each in motions.items()}
+    identities = {name: run_identity(scene_hash, each, solver) for name, each in motions.items()}
     with ExitStack() as stack:
         there = {kind: found for kind in KINDS if (found := _there(run, kind, stack)) is not None}
         kept = {name: found for found in there.values() for name in found.names}
@@ -75,9 +76,9 @@ def snapshot(
                     bar.reach(done)
 
                 run_motions(run.path("scene"), folder, missing, solver, min(workers, len(missing)), show, scheduler)
-        gathering = _Gathering(run, motions, kept, words, base)
-        gathering.write("snapshots", stages["snapshots"], options.learned, there.get("snapshots"))
-        gathering.write("tests", stages["tests"], options.tests, there.get("tests"))
+        gathering = _Gathering(run, motions, kept, words, files)
+        for kind, part in parts.items():
+            gathering.write(kind, stages[kind], part, there.get(kind))
     return run.played
 
 
@@ -97,14 +98,14 @@ class _Gathering:
         motions: all, made for the scene.
         kept: name → where it lies already.
         words: how the full space was stepped.
-        base: the folder to which the files of the options are relative.
+        files: of each artefact the files that its options name, as `file_sums` has them.
     """
 
     run: Run
     motions: Mapping[str, Motion]
     kept: Mapping[str, Snapshots]
     words: str
-    base: Path
+    files: Mapping[str, str]
 
     def write(self, kind: str, stage: Stage, options: SnapshotOptions, there: Snapshots | None) -> None:
         """Write one of them, unless it is there with just these motions.
@@ -113,7 +114,7 @@ class _Gathering:
             options: with the motions of this artefact alone.
         """
         run, names, earlier = self.run, [entry.name for entry in options.motions], 0.0
-        made_from = options.dump(), run.hash("scene"), file_sums(options.input_files, self.base)
+        made_from = options.dump(), run.hash("scene"), self.files[kind]
         if there is not None:
             mine = [name for name in names if self.kept.get(name) is there]
             header = there.header
@@ -146,10 +147,8 @@ def motion(scene: Scene, options: MotionOptions, base: Path = Path()) -> Motion:
     Raises:
         LdsimError: naming the motion.
     """
-    try:
+    with naming(options.name):
         whole = _motion(scene, options, base)
-    except LdsimError as error:
-        raise type(error)(f"motion {options.name}: {error}") from error
     return whole if options.frames is None else whole.first(options.frames)
 
 

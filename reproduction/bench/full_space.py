@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
-from ldsim.artefacts.store import Header
+from ldsim.artefacts.store import Header, file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.simulate import simulate
@@ -163,7 +163,9 @@ def snapshot_peak(frames: int) -> float:
         write_scene(path, Header("scene", "", {}, -1, {}), neo_hookean(mesh, pinned, 4e4))
         partial = Path(folder) / "partial"
         partial.mkdir()
-        run_motion(path, Lease.taken(partial), Motion("hang", frames), FullOptions(tolerance=TOLERANCE))
+        run_motion(
+            path, Lease.taken(partial), Motion("hang", frames), FullOptions(tolerance=TOLERANCE), file_hash(path)
+        )
     return peak_gib()
 
 

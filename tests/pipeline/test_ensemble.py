@@ -28,12 +28,15 @@ from numpy.typing import NDArray
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Snapshots
+from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.errors import MotionError, SolverError
+from ldsim.errors import ArtefactError, MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
-from ldsim.pipeline.cluster import result
+from ldsim.pipeline import ensemble
+from ldsim.pipeline.cluster import Workers, result
 from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
+from tests.helpers import changed
 
 WAIT = 60.0
 FRAMES = 400
@@ -178,9 +181,28 @@ def test_motions_that_share_a_scene_do_not_share_anything_else(scene: Path, tmp_
 
 def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(scene: Path, tmp_path: Path) -> None:
     motions = [still("good", 10), far_off("bad")]
-    with pytest.raises(MotionError, match="hits no vertex"):
+    with pytest.raises(MotionError, match="^motion bad: the grab at frame 0 hits no vertex"):
         run_motions(scene, tmp_path, motions, SOLVER, 1, lambda *_: None)
     assert frames_of(tmp_path / "good.checkpoint.h5") == 10
+
+
+def test_a_scene_that_is_replaced_while_its_motions_run_is_told(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A motion that starts late would run on another solid than those before it, into the same file."""
+    own = tmp_path / "scene.h5"
+    own.write_bytes(scene.read_bytes())
+    started = ensemble.started
+
+    def replacing_it(workers: int, scheduler: str | None) -> contextlib.AbstractContextManager[Workers]:
+        with changed(own) as file:
+            file.attrs["experiment"] = "another"
+        return started(workers, scheduler)
+
+    monkeypatch.setattr(ensemble, "started", replacing_it)
+    with pytest.raises(ArtefactError, match=r"scene\.h5 changed while motions ran on it; run the stage again"):
+        run_motions(own, tmp_path / "partial", [still("m", 3)], SOLVER, 1, lambda *_: None)
+    assert not (tmp_path / "partial" / "m.frames").exists()
 
 
 @pytest.mark.parametrize(
@@ -253,7 +275,7 @@ def test_a_run_that_was_taken_over_before_it_began_says_so(scene: Path, tmp_path
     lease = Lease.taken(tmp_path)
     Lease.taken(tmp_path)
     with pytest.raises(SolverError, match="was taken over by another run"):
-        run_motion(scene, lease, still("m", 2), SOLVER)
+        run_motion(scene, lease, still("m", 2), SOLVER, file_hash(scene))
 
 
 def test_a_motion_whose_worker_dies_again_and_again_is_told(scene: Path, tmp_path: Path) -> None:
@@ -293,14 +315,14 @@ def test_an_existing_cluster_makes_the_same_frames(scene: Path, tmp_path: Path, 
 def test_a_worker_that_does_not_share_the_folder_is_told(scene: Path, tmp_path: Path, cluster: LocalCluster) -> None:
     elsewhere = Lease(tmp_path / "elsewhere", "token")
     with Client(cluster) as client, pytest.raises(SolverError, match=f"does not see {elsewhere.folder} as it is here"):
-        client.submit(run_motion, scene, elsewhere, still("m", 5), SOLVER).result()
+        client.submit(run_motion, scene, elsewhere, still("m", 5), SOLVER, file_hash(scene)).result()
 
 
 def test_a_run_that_another_one_took_over_stops_after_its_frame(scene: Path, tmp_path: Path) -> None:
     lease = Lease.taken(tmp_path)
     endless = still("m", 1_000_000)
     with ThreadPoolExecutor(1) as pool:
-        future = pool.submit(run_motion, scene, lease, endless, SOLVER)
+        future = pool.submit(run_motion, scene, lease, endless, SOLVER, file_hash(scene))
         wait_until(lambda: (tmp_path / "m.checkpoint.h5").exists())
         assert Lease.taken(tmp_path).holds() and not lease.holds()
         with pytest.raises(SolverError, match="was taken over by another run"):
