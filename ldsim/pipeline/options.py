@@ -127,7 +127,9 @@ class SnapshotOptions(FullOptions):
     def _only(self, roles: tuple[str, ...]) -> SnapshotOptions:
         pairs = zip(self.motions, self.roles, strict=True)
         motions = tuple(motion.replace(role=role) for motion, role in pairs if role in roles)
-        return self.model_copy(update={"motions": motions, "test_share": 0.0, "test_seed": 0})
+        chosen = {"motions": motions, "test_share": 0.0, "test_seed": 0}
+        usual = {"workers": type(self).model_fields["workers"].default}  # they change no frame
+        return self.model_copy(update=chosen | usual)
 
     @property
     def solver(self) -> FullOptions:
