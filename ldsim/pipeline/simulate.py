@@ -43,6 +43,11 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
     reduced = run.reduced_options.replace(tolerance=options.tolerance, max_iterations=options.max_iterations)
     measured = _measured(options)
     steps = sum((1 if changed else 2) * len(spaces) * snapshots.frames(name) for name in names)
+    fresh = {}  # first: their full-space runs are kept if this is interrupted, comparisons are not
+    if options.statement is not None and not changed:
+        with one_thread():
+            rivals = [space for space in spaces if space.name in REDUCED]
+            fresh = fresh_errors(run, rivals, options.statement, reduced, progress)
     with one_thread(), progress.bar("simulate", steps, "step") as bar:
         for name in names:
             bar.say(name)
@@ -52,11 +57,6 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
             for space, trajectory, minimiser in compared:
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
                 notes[f"{space}_minimiser"] = minimiser
-    fresh = {}
-    if options.statement is not None and not changed:
-        with one_thread():
-            rivals = [space for space in spaces if space.name in REDUCED]
-            fresh = fresh_errors(run, rivals, options.statement, reduced, progress)
     notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
     tests = ("tests",) if run.path("tests").is_file() else ()
     header = stage.header("simulation", ("scene", "snapshots", *tests, "basis", "model", "cubature"), -1, **notes)

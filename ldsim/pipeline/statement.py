@@ -26,7 +26,7 @@ from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
 from ldsim.pipeline.ensemble import run_motions
-from ldsim.pipeline.options import StatementOptions
+from ldsim.pipeline.options import SnapshotOptions, StatementOptions
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
 from ldsim.space.lifting import Lifting
@@ -34,7 +34,8 @@ from ldsim.space.space import Space
 
 # Full-space runs side by side.
 WORKERS = 2
-QUASISTATIC = "quasistatic"
+# A note of the header of fresh.h5.
+SOLVER = "solver"
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def fresh_errors(
 ) -> dict[str, Array]:
     """Space → the online error of each fresh motion, (n,), infinite where it was lost.
 
-    Their full-space runs are kept beside the run, in fresh.h5, as long as solid and motions stay the same.
+    Their full-space runs are kept beside the run, in fresh.h5, as long as solid, motions and solver stay the same.
     """
     _run_fresh(run, options, progress)
     errors: dict[str, list[float]] = {space.name: [] for space in spaces}
@@ -101,23 +102,25 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
     """The fresh motions in the full space, interrupted and gone on with like any others."""
     stage, path, folder = run.stage("snapshot", options), run.path("fresh"), run.folder / "fresh.partial"
     own = StatementOptions(motions=options.motions, pulls=options.pulls).dump()
+    solver = SnapshotOptions.of_dump(run.header("snapshots").settings).solver.replace(linear_solver="auto")
     if path.is_file():
         with reading(path, "tests") as file:
             header = read_header(file)
         same = header.settings == own and header.inputs == {"scene": run.hash("scene")}
-        if same and bool(header.notes.get(QUASISTATIC, 0)) == run.quasistatic:
+        # those of earlier versions have the usual solver, and say no more than this
+        usual = FullOptions(quasistatic=bool(header.notes.get("quasistatic", 0)))
+        if same and header.notes.get(SOLVER, usual.model_dump_json()) == solver.model_dump_json():
             return
     motions = fresh_motions(run.scene, options)
-    chosen = {"linear_solver": choose(run.scene, "auto", WORKERS).name}
-    solver = FullOptions(quasistatic=run.quasistatic).model_copy(update=chosen)
+    chosen = solver.replace(linear_solver=choose(run.scene, "auto", WORKERS).name)
     with progress.bar("simulate: fresh motions, full space", sum(each.frames for each in motions), "frame") as bar:
 
         def show(done: int, unfinished: int) -> None:
             bar.say(f"{unfinished} motions to finish")
             bar.reach(done)
 
-        run_motions(run.path("scene"), folder, motions, solver, WORKERS, show)
-    notes = {QUASISTATIC: int(run.quasistatic)}
+        run_motions(run.path("scene"), folder, motions, chosen, WORKERS, show)
+    notes = {SOLVER: solver.model_dump_json()}
     header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
     stores = [(MotionStore(folder, motion), motion, "test") for motion in motions]
     write_snapshots(path, header, stores, run.scene.mesh.n_vertices)

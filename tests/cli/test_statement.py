@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 
 from ldsim.artefacts.snapshots import Snapshots
+from ldsim.errors import SolverError
+from ldsim.pipeline import simulate as simulating
 from ldsim.pipeline.statement import bound
 from ldsim.run import Run
-from tests.cli.experiments import Experiment
+from tests.cli.experiments import Experiment, refusal
 
 
 def test_the_statement_is_of_the_online_errors_of_fresh_motions(experiment: Experiment) -> None:
@@ -52,6 +55,21 @@ def test_fresh_motions_are_run_again_where_the_run_became_quasi_static(experimen
         result = experiment.invoke(stage)
         assert result.exit_code in ((0, 3) if stage == "cubature" else (0,)), result.output
     assert fresh.read_bytes() != before
+
+
+def test_fresh_motions_come_before_the_comparisons_which_are_not_kept(
+    experiment: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever is interrupted in the long ones loses nothing."""
+    compared = list[object]()
+
+    def interrupted(*given: object) -> object:
+        raise SolverError("interrupted")
+
+    monkeypatch.setattr(simulating, "fresh_errors", interrupted)
+    monkeypatch.setattr(simulating, "compare_motion", lambda *given: compared.append(given) or ())
+    assert refusal(experiment, "simulate") == "interrupted"
+    assert not compared
 
 
 def test_without_a_statement_nothing_fresh_is_run(experiment: Experiment) -> None:

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import binom
 
 from ldsim.arrays import Array
+from ldsim.dynamics.full.options import FullOptions
 from ldsim.mechanics.options import PullOptions
 from ldsim.mesh.shapes import beam
+from ldsim.pipeline import snapshot as snapshots
+from ldsim.pipeline import statement
 from ldsim.pipeline.options import StatementOptions
+from ldsim.pipeline.progress import SILENT
+from ldsim.pipeline.snapshot import snapshot
 from ldsim.pipeline.statement import Bound, about, bound, fresh_motions, sentence
+from tests.helpers import changed
 from tests.helpers import scene as scene_of
+from tests.pipeline.two_tets import made, motions, run_here
 
 TRIALS = 2000
 
@@ -111,3 +120,44 @@ def test_fresh_motions_are_drawn_alike_and_independently() -> None:
     assert all(np.array_equal(a.drags[0].targets, b.drags[0].targets) for a, b in zip(motions, again, strict=True))
     other = fresh_motions(scene, options.replace(pulls=options.pulls.replace(seed=8)))
     assert not np.array_equal(other[0].drags[0].targets, motions[0].drags[0].targets)
+
+
+@pytest.fixture
+def solvers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[FullOptions]]:
+    """Of a run whose snapshots have some settings of the solver: those of fresh motions, where any are run."""
+    run, ran = made(tmp_path), list[FullOptions]()
+    options = StatementOptions(motions=2, pulls=PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0))
+
+    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *rest: Any) -> None:
+        ran.append(solver)
+        run_here(scene, folder, motions, solver, *rest)
+
+    def of(**settings: object) -> list[FullOptions]:
+        snapshot(run, motions(**settings), base=tmp_path)
+        ran.clear()
+        statement._run_fresh(run, options, SILENT)
+        return list(ran)
+
+    monkeypatch.setattr(snapshots, "run_motions", run_here)
+    monkeypatch.setattr(statement, "run_motions", noted)
+    return of
+
+
+def test_fresh_motions_are_solved_as_the_snapshots_are(solvers: Callable[..., list[FullOptions]]) -> None:
+    (solver,) = solvers(method="newton", tolerance=1e-4, max_iterations=99)
+    assert (solver.method, solver.tolerance, solver.max_iterations) == ("newton", 1e-4, 99)
+    assert not solvers(method="newton", tolerance=1e-4, max_iterations=99)
+    assert not solvers(method="newton", tolerance=1e-4, max_iterations=99, linear_solver="direct")
+    assert len(solvers(method="newton", tolerance=1e-5, max_iterations=99)) == 1
+
+
+@pytest.mark.parametrize("quasistatic", [False, True])
+def test_fresh_motions_of_an_earlier_version_are_kept_where_the_solver_is_the_usual_one(
+    solvers: Callable[..., list[FullOptions]], tmp_path: Path, quasistatic: bool
+) -> None:
+    solvers(quasistatic=quasistatic)
+    with changed(tmp_path / "run" / "fresh.h5") as file:
+        del file.attrs["solver"]
+        file.attrs["quasistatic"] = int(quasistatic)
+    assert not solvers(quasistatic=quasistatic)
+    assert len(solvers(quasistatic=quasistatic, tolerance=1e-5)) == 1
