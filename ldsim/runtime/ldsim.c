@@ -55,8 +55,8 @@ const char *ldsim_message(int code)
     case LDSIM_TOO_FAR: return "the point is farther from the solid than half its diagonal; check that it is in metres";
     case LDSIM_ALL_PINNED: return "all vertices there are pinned; take hold of a part that can move";
     case LDSIM_NO_SUCH_SUPPORT: return "there is no such support; a model moves the pins that a motion of its run moves";
-    case LDSIM_OTHER_MODEL: return "the saved state is of another model, or no saved state, or damaged";
-    case LDSIM_OUT_OF_BOUNDS: return "the saved state is farther from rest than a solid may be";
+    case LDSIM_OTHER_MODEL: return "the saved state is of another model or of a solid that was not created for as many grabs, or damaged, or none";
+    case LDSIM_OUT_OF_BOUNDS: return "the solid would be farther from rest than it may be: the saved state is, or so soft its dead load moves it there";
     default: return "there is no such code";
     }
 }
@@ -840,16 +840,19 @@ static void unfold_compliance(ldsim_model *M)
             }
 }
 
+/* Whether so many numbers behind so many bytes can be asked for: where size_t has 32 bits, as in a page, it wraps. */
+static int can_be_held(uint64_t count, size_t head) { return count <= (SIZE_MAX - head) / sizeof(double); }
+
 /* Whether there was memory for it. */
 static int pack(ldsim_model *M)
 {
-    size_t total = 8 + (M->n.skip ? (size_t)M->r * M->own : 0) + (size_t)M->modes * M->own + M->anchors + 9 * (size_t)M->anchors * M->anchors;
+    uint64_t total = 8 + (M->n.skip ? (uint64_t)M->r * M->own : 0) + (uint64_t)M->modes * M->own + M->anchors + 9 * (uint64_t)M->anchors * M->anchors;
     M->blocks = 0;
     for (int start = 0; start < M->points; start = block_end(M, start)) M->blocks++;
     const size_t maps = (size_t)M->n.mapped * BLOCK;
-    total += M->blocks * (maps + 3 * LANES + 1);
-    for (uint32_t i = 0; i < M->n.layers; i++) total += 2 * (size_t)M->layer[i].rows * M->layer[i].columns;
-    M->packed = malloc(total * sizeof(double));
+    total += M->blocks * ((uint64_t)maps + 3 * LANES + 1);
+    for (uint32_t i = 0; i < M->n.layers; i++) total += 2 * (uint64_t)M->layer[i].rows * M->layer[i].columns;
+    M->packed = can_be_held(total, 0) ? malloc((size_t)total * sizeof(double)) : NULL;
     if (!M->packed) return 0;
     double *at = M->packed + (64 - (uintptr_t)M->packed % 64) % 64 / sizeof(double);
     M->block_maps = at, M->block_points = at += M->blocks * maps;
@@ -2035,14 +2038,6 @@ static void scale_by(ldsim_solid *S, double scale)
     }
 }
 
-int ldsim_set_stiffness(ldsim_solid *S, double scale)
-{
-    if (!(scale > 0.0) || !finite_number(scale)) return LDSIM_BAD_ARGUMENT;
-    if (scale != S->scale) S->now.usable = S->renewed_springs = 0;
-    scale_by(S, scale);
-    return LDSIM_OK;
-}
-
 int ldsim_move_pins(ldsim_solid *S, uint32_t support, const double map[12])
 {
     if (support >= S->model->n.supports) return LDSIM_NO_SUCH_SUPPORT;
@@ -2067,12 +2062,24 @@ static double features_norm(ldsim_solid *S, const moment *at)
     return sqrt(h * h * dot(at->f, S->pull, M->own) + dot(modes, modes, M->modes));
 }
 
+/* The mass-weighted norm of the displacement, vertex by vertex, with what grabs pull by then. */
+static double whole_norm(const ldsim_solid *S, const moment *at, const double *pulls)
+{
+    const ldsim_model *M = S->model;
+    double norm = 0.0, u[3];
+    for (uint32_t v = 0; v < M->n.vertices; v++) {
+        displacement_at(S, v, at, pulls, u);
+        norm += M->vertex_mass[v] * dot3(u, u);
+    }
+    return sqrt(norm);
+}
+
 /* Of a condensed model, what moves beside the coordinates counts too: by a bound, and vertex by vertex where that is not
  * within. */
 static int out_of_bounds(ldsim_solid *S, const moment *at)
 {
     const ldsim_model *M = S->model;
-    double norm = features_norm(S, at), beside = M->sag_reach[0], u[3], *pulls = S->tried;
+    double norm = features_norm(S, at), beside = M->sag_reach[0], *pulls = S->tried;
     if (!M->anchors || !finite_number(norm)) return !within(M, norm);
     find_pulls(S, at->f, pulls);
     for (int i = 0; i < 3; i++) beside += M->sag_reach[1 + i] * fabs(at->gravity[i]);
@@ -2080,12 +2087,7 @@ static int out_of_bounds(ldsim_solid *S, const moment *at)
         if (S->grabs[g].id) beside += S->grabs[g].reach * dot(S->grabs[g].warp, S->grabs[g].warp, 9) * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
     if (within(M, norm + beside / S->scale)) return 0;
     if (S->g) make_springs(S, at->f), find_pulls(S, at->f, pulls), S->renewed_springs = 0;
-    norm = 0.0;
-    for (uint32_t v = 0; v < M->n.vertices; v++) {
-        displacement_at(S, v, at, pulls, u);
-        norm += M->vertex_mass[v] * dot3(u, u);
-    }
-    return !within(M, sqrt(norm));
+    return !within(M, whole_norm(S, at, pulls));
 }
 
 static void identity(double *H, int r)
@@ -2198,6 +2200,7 @@ static void copy_renewed(const ldsim_solid *S, const moment *from, moment *to)
     copy(to->z, from->z, S->moment_size);
     copy(to->gravity, from->gravity, 3);
     to->rows = from->rows;
+    memcpy(to->held, from->held, sizeof to->held);
     identity(to->H, S->model->r);
     to->usable = to->fresh = to->excess = 0;
 }
@@ -2206,6 +2209,41 @@ static void take(ldsim_solid *S, moment *found)
 {
     const moment before = S->now;
     S->now = *found, *found = before;
+}
+
+/* Softer, a condensed solid gives way at once to what pulled it: where that leads out of bounds, rather to nothing, in its
+ * shape or else at rest. Whether one of them is within bounds; it is in S->start then, and what grabs pull in S->tried. */
+static int find_softer(ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    copy_renewed(S, &S->now, &S->start);
+    make_springs(S, S->now.f), find_pulls(S, S->now.f, S->tried);
+    for (int g = 0; g < S->max_grabs; g++) { /* one that was taken since pulls from the next step on */
+        int pulled = 0;
+        for (int i = 0; i < LDSIM_MAX_GRABS; i++) pulled |= S->grabs[g].id && S->now.held[i] == S->grabs[g].id;
+        if (!pulled) zero(S->tried + 3 * g, 3);
+    }
+    if (within(M, whole_norm(S, &S->start, S->tried))) return 1;
+    zero(S->tried, 3 * (size_t)S->max_grabs), zero(S->start.gravity, 3);
+    memset(S->start.held, 0, sizeof S->start.held), S->start.rows = 0;
+    if (within(M, whole_norm(S, &S->start, S->tried))) return 1;
+    zero(S->start.z, S->moment_size), identity(S->start.H, M->r);
+    return within(M, whole_norm(S, &S->start, S->tried));
+}
+
+int ldsim_set_stiffness(ldsim_solid *S, double scale)
+{
+    const double before = S->scale;
+    if (!(scale > 0.0) || !finite_number(scale)) return LDSIM_BAD_ARGUMENT;
+    if (scale == before) return LDSIM_OK;
+    scale_by(S, scale);
+    const int fine = !S->model->anchors || find_softer(S);
+    if (!fine) scale_by(S, before);
+    else if (S->model->anchors) take(S, &S->start), copy(S->pulls, S->tried, 3 * (size_t)S->max_grabs);
+    else S->now.usable = 0;
+    if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the warps */
+    else S->renewed_springs = 0;
+    return fine ? LDSIM_OK : LDSIM_OUT_OF_BOUNDS;
 }
 
 ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
@@ -2259,7 +2297,7 @@ ldsim_outcome ldsim_step_many(ldsim_solid *const *solids, uint32_t count, uint32
 /* ---- Making and reading a solid -------------------------------------------------------------------------------------- */
 
 /* Cuts one block of memory into arrays, or only adds up their sizes where `at` is null. */
-static double *cut(double **at, size_t *total, size_t count)
+static double *cut(double **at, uint64_t *total, size_t count)
 {
     double *found = *at;
     if (found) *at += count;
@@ -2267,7 +2305,7 @@ static double *cut(double **at, size_t *total, size_t count)
     return found;
 }
 
-static void lay_out_moment(const ldsim_model *M, int max_grabs, moment *x, double **at, size_t *total)
+static void lay_out_moment(const ldsim_model *M, int max_grabs, moment *x, double **at, uint64_t *total)
 {
     x->z = cut(at, total, M->r), x->z_before = cut(at, total, M->r), x->guess = cut(at, total, M->r);
     x->differences = cut(at, total, DIFFERENCES * (size_t)M->r);
@@ -2277,16 +2315,16 @@ static void lay_out_moment(const ldsim_model *M, int max_grabs, moment *x, doubl
     x->springs = cut(at, total, 3 * (size_t)max_grabs * M->m);
 }
 
-static size_t lay_out(ldsim_solid *S, double *block)
+static uint64_t lay_out(ldsim_solid *S, double *block)
 {
     const ldsim_model *M = S->model;
     const size_t r = M->r, m = M->m, wide = M->wide, l = M->moved, n = M->n.vertices, most = S->max_grabs, rows = 3 * most;
     const size_t a = M->anchors, w = M->modes, work = 2 * (size_t)M->hidden + l + (w ? M->own : 0);
-    size_t total = 0;
+    uint64_t total = 0;
     double **at = &block;
     moment *moments[] = {&S->now, &S->first, &S->second, &S->start};
     for (int i = 0; i < 4; i++) lay_out_moment(M, S->max_grabs, moments[i], at, &total);
-    S->moment_size = total / 4;
+    S->moment_size = (size_t)(total / 4);
     S->pins = cut(at, &total, l);
     for (size_t i = 0; i < most; i++) {
         grab *g = S->grabs + i;
@@ -2322,8 +2360,9 @@ int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid)
     ldsim_solid shape;
     memset(&shape, 0, sizeof shape);
     shape.model = model, shape.max_grabs = max_grabs;
-    const size_t total = lay_out(&shape, NULL), head = (sizeof shape + 15) / 16 * 16;
-    *solid = calloc(1, head + total * sizeof(double));
+    const uint64_t total = lay_out(&shape, NULL);
+    const size_t head = (sizeof shape + 15) / 16 * 16;
+    *solid = can_be_held(total, head) ? calloc(1, head + (size_t)total * sizeof(double)) : NULL;
     if (!*solid) return LDSIM_NO_MEMORY;
     **solid = shape;
     lay_out(*solid, (double *)(void *)((unsigned char *)*solid + head));

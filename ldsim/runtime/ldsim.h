@@ -101,7 +101,8 @@ void ldsim_destroy(ldsim_solid *solid);
 void ldsim_reset(ldsim_solid *solid); /* back to rest, without grabs; gravity and stiffness stay */
 
 /* Takes hold of the movable vertices within a radius of the one nearest to a point of the deformed solid and pulls
- * their centroid towards a target; stiffness and radius 0 for the usual ones. `grab` names it from now on. */
+ * their centroid towards a target; stiffness and radius 0 for the usual ones, where in Python a radius of 0 holds that
+ * vertex alone. `grab` names it from now on. */
 int ldsim_grab(ldsim_solid *solid, const double point[3], const double target[3], double stiffness, double radius,
                uint32_t *grab);
 /* The same for vertices that are named. Pinned ones among them do not move. */
@@ -113,7 +114,9 @@ int ldsim_centroid(const ldsim_solid *solid, uint32_t grab, double centroid[3]);
 int ldsim_force(const ldsim_solid *solid, uint32_t grab, double force[3]); /* N, on the solid */
 
 int ldsim_set_gravity(ldsim_solid *solid, const double gravity[3]);
-int ldsim_set_stiffness(ldsim_solid *solid, double scale); /* of the material, 1 for its own */
+/* Of the material, 1 for its own. A condensed solid that would give way out of bounds to what pulls it gives way to nothing
+ * until the next step; where its dead load alone would do that, LDSIM_OUT_OF_BOUNDS. */
+int ldsim_set_stiffness(ldsim_solid *solid, double scale);
 /* Where the pins of a support are from now on, x = A X + b: (A | b) row by row. */
 int ldsim_move_pins(ldsim_solid *solid, uint32_t support, const double map[12]);
 
@@ -131,7 +134,8 @@ const double *ldsim_features(const ldsim_solid *solid);    /* (features,); likew
 /* How far the shape is from the training data: from 1 on, beware. NaN where the model does not tell. */
 double ldsim_novelty(const ldsim_solid *solid);
 
-/* All that the next step depends on, to come back to or to continue in another solid of the same model. */
+/* All that the next step depends on, to come back to or to continue in another solid of the same model that was created
+ * for as many grabs. */
 size_t ldsim_state_size(const ldsim_solid *solid);
 void ldsim_save(const ldsim_solid *solid, void *state);
 int ldsim_restore(ldsim_solid *solid, const void *state, size_t size);

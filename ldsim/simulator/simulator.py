@@ -145,7 +145,7 @@ class Simulator:
             target: where to, (3,) metres.
             stiffness: of the spring, N/m; by default a hundredth of shear modulus times diagonal.
             radius: vertices within it of the one nearest to the point are held, metres; by default a tenth of the
-                diagonal.
+                diagonal. 0 holds that vertex alone; to the C library it means the default.
 
         Raises:
             MotionError: the point is not near the solid, all vertices there are pinned, or a value is not allowed.
@@ -199,7 +199,10 @@ class Simulator:
 
     @property
     def material_scale(self) -> float:
-        """What the scene's Lamé parameters are multiplied by; can be set to any positive number at any time."""
+        """What the scene's Lamé parameters are multiplied by; can be set to any positive number at any time.
+
+        Refused where a condensed solid would be so soft that its dead load alone moves it out of bounds.
+        """
         return self._material_scale
 
     @material_scale.setter
@@ -209,16 +212,25 @@ class Simulator:
         self._change(self._gravity, float(value))
 
     def _change(self, gravity: Array | None, material_scale: float) -> None:
-        if material_scale != self._material_scale:
-            self._stepper = self._own_stepper.stiffened(material_scale)
-            self._state = self._state.renewed()
-            for other in (self._state, self._stepper.rest()):
-                if self._stepper.within(self._state, self._limit):
-                    break
-                # softer, a condensed solid gives way at once to what pulled it: then rather to nothing
-                self._state = other
-                self._state.loads = Loads((), np.zeros(3))
+        self._stepper, self._state = self._scaled(self._state, material_scale)
         self._gravity, self._material_scale = gravity, material_scale
+
+    def _scaled(self, state: Any, material_scale: float) -> tuple[Stepper[Any], Any]:
+        """What steps the material so scaled, and the state with it, within bounds."""
+        if material_scale == self._material_scale:
+            return self._stepper, state
+        stepper, state = self._own_stepper.stiffened(material_scale), state.renewed()
+        if stepper.within(state, self._limit):
+            return stepper, state
+        # softer, a condensed solid gives way at once to what pulled it: then rather to nothing
+        for other in (state, stepper.rest()):
+            other.loads = Loads((), np.zeros(3))
+            if stepper.within(other, self._limit):
+                return stepper, other
+        raise SceneError(
+            f"material scale is {material_scale:g}; so soft, the dead load alone moves the solid more than "
+            f"{self._limit:.3g} m: it must be larger"
+        )
 
     def step(self, count: int = 1) -> StepRecord:
         """Advance by so many time steps; returns the record of the last.
@@ -335,12 +347,12 @@ class Simulator:
 
         A reduced space takes the nearest shape that it has.
         """
-        self._pins = other._pins
-        frames = other.displacement(), other._stepper.displacement(other._before)
-        self._state = self._stepper.state(*frames, (self._pins, self._pins))
-        self._before = self._stepper.state(frames[1], frames[1], (self._pins, self._pins))
+        pins, frames = other._pins, (other.displacement(), other._stepper.displacement(other._before))
+        state, scale = self._stepper.state(*frames, (pins, pins)), other._material_scale
+        before = self._stepper.state(frames[1], frames[1], (pins, pins))
+        self._stepper, self._state = self._scaled(state, scale)
+        self._before, self._pins, self._gravity, self._material_scale = before, pins, other._gravity, scale
         self.held, self._next_key, self._number = dict(other.held), other._next_key, other._number
-        self._change(other._gravity, other._material_scale)
 
     def centroid(self, vertices: Indices) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
@@ -370,12 +382,12 @@ class Simulator:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
         if not self._stepper.within(saved.state, self._limit):
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
-        self._state, self.held, self._number = saved.state, dict(saved.grabs), saved.number
+        self._stepper, self._state = self._scaled(saved.state, saved.material_scale)
+        self._gravity, self._material_scale = saved.gravity, saved.material_scale
+        self.held, self._number = dict(saved.grabs), saved.number
         # another simulator may have saved it: what is grabbed from now on must not take the place of its grabs
         self._next_key = max(self._next_key, 1 + max(saved.grabs, default=-1))
-        self._before = saved.before
-        self._pins = saved.pins
-        self._change(saved.gravity, saved.material_scale)
+        self._before, self._pins = saved.before, saved.pins
 
 
 def _vector(value: ArrayLike, name: str, unit: str) -> Array:
