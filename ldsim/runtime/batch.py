@@ -89,9 +89,9 @@ class BatchedSimulator:
         Raises:
             SolverError: an instance refuses; none is held then that was not before.
         """
-        grabs = list[int]()
+        grabs, points, places = list[int](), self._each(point, "point"), self._each(targets, "target")
         try:
-            for solid, at, to in zip(self.solids, self._each(point), self._each(targets), strict=True):
+            for solid, at, to in zip(self.solids, points, places, strict=True):
                 grabs.append(solid.grab(at, to, stiffness, radius))
         except Exception:
             # their numbers would be lost, and they could never be let go
@@ -101,23 +101,23 @@ class BatchedSimulator:
         return np.array(grabs, dtype=np.int64)
 
     def move(self, grabs: Indices, targets: ArrayLike) -> None:
-        for solid, grab, target in zip(self.solids, grabs.tolist(), self._each(targets), strict=True):
+        for solid, grab, target in zip(self.solids, self._numbers(grabs), self._each(targets, "target"), strict=True):
             solid.move(grab, target)
 
     def release(self, grabs: Indices) -> None:
-        for solid, grab in zip(self.solids, grabs.tolist(), strict=True):
+        for solid, grab in zip(self.solids, self._numbers(grabs), strict=True):
             solid.release(grab)
 
     def set_gravity(self, gravity: ArrayLike) -> None:
         """One for all, (3,) m/s², or one each, (n, 3)."""
-        for solid, own in zip(self.solids, self._each(gravity), strict=True):
+        for solid, own in zip(self.solids, self._each(gravity, "gravity"), strict=True):
             solid.set_gravity(own)
 
     def step(self, steps: int = 1) -> NDArray[np.int64]:
         """So many steps of every instance; outcomes of the last ones, (n,), numbers of ldsim_outcome: 0 is solved.
 
         Raises:
-            ValueError: the number of steps is not positive.
+            ValueError: the number of steps is not positive, or too large for the library.
         """
         starts, stops = self._bounds[:-1].tolist(), self._bounds[1:].tolist()
         if self._pool is None:
@@ -145,5 +145,15 @@ class BatchedSimulator:
         first, records = byref(self._pointers, start * sizeof(c_void_p)), byref(self._records, start * sizeof(Record))
         self.model.step_many(first, stop - start, steps, records)
 
-    def _each(self, values: ArrayLike) -> Array:
-        return np.broadcast_to(np.asarray(values, dtype=np.float64), (len(self), 3))
+    def _numbers(self, grabs: Indices) -> list[int]:
+        given = np.asarray(grabs)
+        if given.shape != (len(self),) or given.dtype.kind not in "iu":
+            found = f"{given.dtype} of the shape {given.shape}"
+            raise SolverError(f"grabs are {found}; they must be the whole numbers that grab gave, ({len(self)},)")
+        return [int(number) for number in given]
+
+    def _each(self, values: ArrayLike, name: str) -> Array:
+        given = np.asarray(values, dtype=np.float64)
+        if given.shape not in ((3,), (len(self), 3)):
+            raise SolverError(f"{name} has the shape {given.shape}; it must be (3,), or ({len(self)}, 3) for one each")
+        return np.broadcast_to(given, (len(self), 3))

@@ -69,6 +69,7 @@ SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 }
 
 REASONS = tuple(sorted(Reason))
+UNSIGNED = 2**32  # what the library counts in wraps there
 # What these return is an outcome, and no code.
 STEPS = ("step", "step_many")
 
@@ -94,11 +95,14 @@ def local_library() -> Library:
     if not folder.is_dir():
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=folder.parent))
-        build(scratch, flags)
         try:
+            build(scratch, flags)
             scratch.rename(folder)
         except OSError:  # another process was faster
-            shutil.rmtree(scratch)
+            if not folder.is_dir():
+                raise
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
     return Library(next(folder.glob("libldsim.*")))
 
 
@@ -144,10 +148,12 @@ class NativeModel:
         """So many steps of each of some of its solids, from a pointer to the first of their pointers.
 
         Raises:
-            ValueError: the number of steps is not positive.
+            ValueError: the number of steps is not positive, or too large for the library.
         """
         if steps < 1:  # as an unsigned number, -1 would be four billion
             raise ValueError(f"step count is {steps}; it must be at least 1")
+        if steps >= UNSIGNED:
+            raise ValueError(f"step count is {steps}; it must be less than {UNSIGNED}")
         self.library("step_many", first, count, steps, records)
 
 
@@ -155,7 +161,7 @@ class NativeSolid:
     """One solid of a model, at rest at first; see ldsim.h for what its functions do.
 
     Raises:
-        SolverError: what a function of the library refuses, in its words.
+        SolverError: what a function of the library refuses, in its words, or an array that is not what it reads.
     """
 
     def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
@@ -179,17 +185,19 @@ class NativeSolid:
     def grab(
         self, point: ArrayLike, target: ArrayLike, stiffness: float | None = None, radius: float | None = None
     ) -> int:
-        """A number that names it from now on; the usual stiffness and radius where none are given."""
-        found = c_uint32()
-        self._call("grab", _f8(point), _f8(target), stiffness or 0.0, radius or 0.0, byref(found))
+        """A number that names it from now on; the usual stiffness and radius where none are given, or a radius of 0."""
+        found, places = c_uint32(), (_vector(point, "point", "m"), _vector(target, "target", "m"))
+        self._call("grab", *places, _stiffness(stiffness), radius or 0.0, byref(found))
         return found.value
 
     def grab_vertices(self, vertices: NDArray[np.integer], target: ArrayLike, stiffness: float | None = None) -> int:
-        held, found = np.ascontiguousarray(vertices, dtype=np.uint32), c_uint32()
-        self._call("grab_vertices", held, len(held), _f8(target), stiffness or 0.0, byref(found))
+        held, found, place = self._vertices(vertices), c_uint32(), _vector(target, "target", "m")
+        self._call("grab_vertices", held, len(held), place, _stiffness(stiffness), byref(found))
         return found.value
 
     def move(self, grab: int, target: ArrayLike) -> None:
+        if np.shape(target) != (3,):
+            _vector(target, "target", "m")
         self._target[:] = target
         if code := self._move(self.pointer, grab, self._target_at):
             raise SolverError(self.model.library("message", code).decode())
@@ -204,13 +212,16 @@ class NativeSolid:
         return self._vector("force", grab)
 
     def set_gravity(self, gravity: ArrayLike) -> None:
-        self._call("set_gravity", _f8(gravity))
+        self._call("set_gravity", _vector(gravity, "gravity", "m/s²"))
 
     def set_stiffness(self, scale: float) -> None:
         self._call("set_stiffness", scale)
 
     def move_pins(self, support: int, map: ArrayLike) -> None:
-        self._call("move_pins", support, _f8(map))
+        placed = np.ascontiguousarray(map, dtype=np.float64)
+        if placed.shape != (3, 4):
+            raise SolverError(f"the map of a support has the shape {placed.shape}; it must be (3, 4), (A | b)")
+        self._call("move_pins", support, placed)
 
     def step(self) -> tuple[int, int, Reason, int]:
         """Iterations, evaluations, why the minimiser stopped, and the outcome, a number of ldsim_outcome."""
@@ -222,7 +233,7 @@ class NativeSolid:
         """So many steps by one call.
 
         Raises:
-            ValueError: the count is not positive.
+            ValueError: the count is not positive, or too large for the library.
         """
         self.model.step_many(byref(self.pointer), 1, count)
 
@@ -237,7 +248,7 @@ class NativeSolid:
 
     def displacement(self, vertices: NDArray[np.integer]) -> Array:
         """u of some vertices, (v, 3) float64, metres."""
-        some = np.ascontiguousarray(vertices, dtype=np.uint32)
+        some = self._vertices(vertices)
         u = np.empty((len(some), 3))
         self._call("displacement", some, len(some), u)
         return u
@@ -264,6 +275,26 @@ class NativeSolid:
         self._call(name, grab, out)
         return out
 
+    def _vertices(self, vertices: NDArray[np.integer]) -> NDArray[np.uint32]:
+        """As the library reads them, which would take a mask for the numbers 0 and 1, and 2³² for 0."""
+        given, n = np.asarray(vertices), self.model.info.vertices
+        if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+            found = f"{given.dtype} of the shape {given.shape}"
+            raise SolverError(f"vertices are {found}; they must be whole numbers one after another, (v,)")
+        if given.size and not 0 <= given.min() <= given.max() < n:
+            raise SolverError(f"vertices are from {given.min()} to {given.max()}; they must be from 0 to {n - 1}")
+        return np.ascontiguousarray(given, dtype=np.uint32)
 
-def _f8(values: ArrayLike) -> Array:
-    return np.ascontiguousarray(values, dtype=np.float64)
+
+def _vector(value: ArrayLike, name: str, unit: str) -> Array:
+    vector = np.ascontiguousarray(value, dtype=np.float64)
+    if np.shape(value) != (3,):
+        raise SolverError(f"{name} is {np.asarray(value).tolist()}; it must be three numbers in {unit}")
+    return vector
+
+
+def _stiffness(given: float | None) -> float:
+    """As the library reads it, to which 0 means the usual one."""
+    if given == 0:
+        raise SolverError("stiffness is 0; it must be positive, or left out for the usual one")
+    return 0.0 if given is None else given

@@ -72,6 +72,24 @@ def test_no_steps_and_fewer_are_refused_and_nothing_steps(library: Library, coun
     assert not solid.z.any() and not any(batch.z.any() for batch in batches)
 
 
+def test_more_steps_than_the_library_counts_are_refused(library: Library) -> None:
+    model = NativeModel(library, model_bytes(latent()))
+    for step in (NativeSolid(model).step_many, BatchedSimulator(model, 2, 1).step):
+        with pytest.raises(ValueError, match="step count is 4294967296; it must be less than 4294967296"):
+            step(2**32)
+
+
+def test_what_is_not_of_the_instances_shape_is_refused(library: Library) -> None:
+    batch = BatchedSimulator(NativeModel(library, model_bytes(latent())), 2, 1)
+    with pytest.raises(SolverError, match=r"gravity has the shape \(\); it must be \(3,\), or \(2, 3\) for one each"):
+        batch.set_gravity(-9.81)
+    with pytest.raises(SolverError, match=r"target has the shape \(2, 1\)"):
+        batch.grab([0.0, 0.0, 0.0], [[1.0], [2.0]])
+    for grabs in (np.array([True, True]), np.array([1.0, 1.0]), np.array([1])):
+        with pytest.raises(SolverError, match="grabs are .*; they must be the whole numbers that grab gave"):
+            batch.release(grabs)
+
+
 def test_a_run_and_the_file_that_was_exported_from_it_are_loaded_in_a_line(tmp_path: Path, library: Library) -> None:
     write_run(tmp_path)
     batch = BatchedSimulator.load(tmp_path, 4, "latent")
@@ -81,6 +99,16 @@ def test_a_run_and_the_file_that_was_exported_from_it_are_loaded_in_a_line(tmp_p
         BatchedSimulator.load(tmp_path / "scene.h5", 4)
     with pytest.raises(SolverError, match="0 instances on 2 threads"):
         BatchedSimulator(batch.model, 0, 2)
+
+
+def test_a_library_that_does_not_compile_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cc: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("ldsim.runtime.compilers.OPTIMISED", ("-no-such-option",))
+    with pytest.raises(SolverError, match="no-such-option"):
+        local_library()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_the_library_is_compiled_once_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cc: str) -> None:

@@ -10,14 +10,17 @@ import pytest
 
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.errors import SolverError
+from ldsim.errors import SceneError, SolverError
 from ldsim.mechanics.materials import MATERIALS
+from ldsim.mesh.shapes import beam
 from ldsim.runtime.library import Library, NativeModel, NativeSolid
 from ldsim.runtime.model_file import model_bytes
 from ldsim.simulator.records import Outcome
 from ldsim.simulator.simulator import Simulator
 from ldsim.space.space import Space
-from tests.runtime.problems import SPACES, latent, linear
+from tests.helpers import scene
+from tests.runtime import problems
+from tests.runtime.problems import SPACES, latent, linear, with_linear_dents
 
 OUTCOMES = (Outcome.SOLVED, Outcome.SHORT, Outcome.SLOWED, Outcome.HELD)
 
@@ -136,16 +139,31 @@ def test_a_brutal_pull_comes_to_the_outcomes_of_the_simulator(library: Library, 
 
 REFUSED: dict[str, tuple[Callable[[NativeSolid], Any], str]] = {
     "target": (lambda solid: solid.grab([0.0, 0.0, 0.0], [np.nan, 0, 0]), "an argument is out of range"),
-    "stiffness": (lambda solid: solid.grab_vertices(np.array([40]), [0, 0, 0], -1.0), "an argument is out of range"),
-    "vertex": (lambda solid: solid.grab_vertices(np.array([10**6]), [0, 0, 0]), "an argument is out of range"),
+    "stiffness": (lambda solid: solid.grab_vertices(np.array([19]), [0, 0, 0], -1.0), "an argument is out of range"),
+    "no stiffness": (lambda solid: solid.grab([0.0, 0.0, 0.0], [0, 0, 0], 0.0), "stiffness is 0; it must be positive"),
+    "vertex": (
+        lambda solid: solid.grab_vertices(np.array([3, 20]), [0, 0, 0]),
+        "from 3 to 20; they must be from 0 to 19",
+    ),
+    "vertex beyond 32 bits": (lambda solid: solid.grab_vertices(np.array([2**32]), [0, 0, 0]), "from 0 to 19"),
+    "mask": (
+        lambda solid: solid.grab_vertices(np.ones(20, bool), [0, 0, 0]),
+        r"vertices are bool of the shape \(20,\)",
+    ),
+    "one target": (lambda solid: solid.grab([0.0, 0.0, 0.0], 1.0), "target is 1.0; it must be three numbers in m"),
+    "moved to one": (lambda solid: solid.move(1, 1.0), "target is 1.0; it must be three numbers in m"),
     "no vertex": (lambda solid: solid.grab_vertices(np.array([], dtype=int), [0, 0, 0]), "an argument is out of"),
-    "displaced vertex": (lambda solid: solid.displacement(np.array([10**6])), "an argument is out of range"),
+    "displaced vertex": (lambda solid: solid.displacement(np.array([-1])), "from -1 to -1; they must be from 0 to 19"),
+    "displaced numbers": (lambda solid: solid.displacement(np.array([0.5])), "vertices are float64"),
     "far away": (lambda solid: solid.grab([99.0, 0, 0], [0, 0, 0]), "farther from the solid than half its diagonal"),
     "pinned": (lambda solid: solid.grab([-0.1, 0, 0], [0, 0, 0], 1.0, 1e-6), "all vertices there are pinned"),
     "moved": (lambda solid: solid.move(5, [0, 0, 0]), "there is no such grab"),
     "released": (lambda solid: solid.release(0), "there is no such grab"),
     "force": (lambda solid: solid.force(77), "there is no such grab"),
     "gravity": (lambda solid: solid.set_gravity([0, np.inf, 0]), "an argument is out of range"),
+    "one gravity": (lambda solid: solid.set_gravity(-9.81), "gravity is -9.81; it must be three numbers in m/s²"),
+    "gravity of two": (lambda solid: solid.set_gravity([0, -9.81]), "it must be three numbers in m/s²"),
+    "map": (lambda solid: solid.move_pins(0, np.eye(3)), r"has the shape \(3, 3\); it must be \(3, 4\)"),
     "material": (lambda solid: solid.set_stiffness(0.0), "an argument is out of range"),
     "support": (lambda solid: solid.move_pins(0, np.eye(3, 4)), "there is no such support"),
     "state": (lambda solid: solid.restore(b"nothing"), "the saved state is of another model"),
@@ -162,6 +180,55 @@ def test_what_cannot_be_done_is_refused_in_words_and_changes_nothing(library: Li
     with pytest.raises(SolverError, match=words):
         act(solid)
     assert solid.save() == before
+
+
+@pytest.mark.parametrize("pulled", [False, True])
+def test_a_condensed_solid_that_is_made_soft_stays_in_bounds_and_recovers_as_in_the_simulator(
+    library: Library, monkeypatch: pytest.MonkeyPatch, pulled: bool
+) -> None:
+    monkeypatch.setattr(problems, "body", lambda name, resolution: scene(beam(resolution=resolution), name))
+    space = with_linear_dents()
+    simulator, solid = pair(library, space, ReducedOptions(tolerance=1e-8))
+    size, point = space.scene.mesh.diagonal, tip(space)
+    if pulled:
+        simulator.grab(point, point + 0.1 * size, 50.0)
+        solid.grab(point, point + 0.1 * size, 50.0)
+    for scale in (0.1, 1.0, 1e-3, 1.0, 1e-9, 1.0):
+        for _ in range(3):
+            assert OUTCOMES[solid.step()[3]] == simulator.step().outcome
+        simulator.material_scale = scale
+        solid.set_stiffness(scale)
+        np.testing.assert_allclose(solid.displacements(), simulator.displacement(), atol=1e-9 * size)
+        assert np.abs(solid.displacements()).max() < 10 * size
+    assert OUTCOMES[solid.step()[3]] == simulator.step().outcome == Outcome.SOLVED
+
+
+def test_a_condensed_solid_whose_dead_load_alone_would_move_it_out_of_bounds_is_not_made_so_soft(
+    library: Library,
+) -> None:
+    space = with_linear_dents()
+    simulator, solid = pair(library, space)
+    point = tip(space)
+    simulator.grab(point, point + 0.01, 50.0)
+    solid.grab(point, point + 0.01, 50.0)
+    for _ in range(3):
+        simulator.step()
+        solid.step()
+    before, u, saved = simulator.displacement(), solid.displacements(), solid.save()
+    with pytest.raises(SceneError, match="material scale is 1e-06; so soft, the dead load alone moves the solid"):
+        simulator.material_scale = 1e-6
+    with pytest.raises(SolverError, match="so soft its dead load moves it there"):
+        solid.set_stiffness(1e-6)
+    np.testing.assert_array_equal(simulator.displacement(), before)
+    np.testing.assert_array_equal(solid.displacements(), u)
+    assert simulator.material_scale == 1 and solid.save() == saved
+    assert OUTCOMES[solid.step()[3]] == simulator.step().outcome == Outcome.SOLVED
+
+
+def test_a_state_of_a_solid_with_room_for_more_grabs_is_refused_and_told(library: Library) -> None:
+    model = NativeModel(library, model_bytes(latent()))
+    with pytest.raises(SolverError, match="of a solid that was not created for as many grabs"):
+        NativeSolid(model, 2).restore(NativeSolid(model, 4).save())
 
 
 def test_no_more_grabs_than_a_solid_was_made_for(library: Library) -> None:
