@@ -176,9 +176,9 @@ def write_fmu(space: Space, folder: Path, platforms: Sequence[str] = ()) -> None
             for name in SOURCES:
                 unit.writestr(f"sources/{name}", source(name))
             for platform in wanted:
-                entry = PLATFORMS[platform]
                 made = shared_library(
                     Path(scratch), SOURCES, IDENTIFIER, platform, (f"-DFMI={version}", "-fvisibility=hidden")
                 )
+                entry = PLATFORMS[platform]
                 place = FMI2_FOLDERS.get(platform, platform) if version == 2 else entry.fmi3
                 unit.write(made, f"binaries/{place}/{IDENTIFIER}{entry.suffix}")

@@ -33,10 +33,16 @@ PLATFORMS = {
     "windows-x86_64": Platform(("x86_64-windows-gnu", "-mcpu=x86_64_v3"), ".dll", "x86_64-windows"),
 }
 SYSTEMS = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}
-HERE = (
-    f"{SYSTEMS.get(machine.system(), machine.system())}-"
-    f"{'arm64' if machine.machine() in ('aarch64', 'arm64') else 'x86_64'}"
-)
+PROCESSORS = {"aarch64": "arm64", "amd64": "x86_64"}
+
+
+def _here(system: str, processor: str) -> str:
+    """This machine as `PLATFORMS` calls it, or by its own names where it is none of them."""
+    processor = processor.lower()
+    return f"{SYSTEMS.get(system, system)}-{PROCESSORS.get(processor, processor)}"
+
+
+HERE = _here(machine.system(), machine.machine())
 
 
 def compiler() -> str | None:
@@ -76,5 +82,10 @@ def _command(platform: str | None) -> list[str]:
     if importlib.util.find_spec("ziglang") is None:
         for_what = f" for {platform}" if platform is not None else ""
         raise SolverError(f"no C compiler{for_what} was found; run pip install 'ldsim[wasm]', which brings zig")
+    if (platform or HERE) not in PLATFORMS:
+        raise SolverError(
+            f"no C compiler was found for {HERE}, and zig is asked only for {', '.join(PLATFORMS)}; "
+            "install cc, gcc or clang"
+        )
     target = PLATFORMS[platform or HERE].target
     return [sys.executable, "-m", "ziglang", "cc", "-target", *target, "-s"]

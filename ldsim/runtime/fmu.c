@@ -37,7 +37,7 @@ typedef void (*logger)(void *environment, int status, const char *category, cons
 
 /* What a master sets and what follows from it; all that a saved state holds beside the solid. */
 typedef struct {
-    double gravity[3], start;
+    double gravity[3], start, time; /* time: the communication point that was reached */
     struct {
         int32_t held;
         uint32_t id; /* 0 where nothing is held */
@@ -53,6 +53,7 @@ typedef struct {
     ldsim_solid *solid;
     ldsim_info info;
     settings now;
+    int initialised; /* from then on what is tracked is fixed */
     logger log;
     void *environment;
     char name[64];
@@ -97,7 +98,7 @@ static int value(unit *u, reference r, double *found)
     const double *kept = input(u, r);
     double three[3] = {0.0, 0.0, 0.0};
     if (kept) *found = *kept;
-    else if (r == 0) *found = u->now.start + (double)u->now.steps * u->info.time_step;
+    else if (r == 0) *found = u->now.time;
     else if (r == NOVELTY) {
         *found = ldsim_novelty(u->solid);
         if (!(*found >= 0.0)) *found = -1.0; /* a model that does not tell */
@@ -120,14 +121,31 @@ static int get_numbers(unit *u, const reference r[], size_t count, double values
     return OK;
 }
 
+/* The vertices nearest to where points are to be tracked. */
+static void track(unit *u)
+{
+    const double *x = ldsim_rest(u->model);
+    for (int t = 0; t < TRACKS; t++) {
+        double least = INFINITY;
+        for (uint32_t v = 0; v < u->info.vertices; v++) {
+            double away = 0.0;
+            for (int i = 0; i < 3; i++) away += (x[3 * v + i] - u->now.at[t][i]) * (x[3 * v + i] - u->now.at[t][i]);
+            if (away < least) least = away, u->now.vertex[t] = v;
+        }
+    }
+}
+
 static int set_numbers(unit *u, const reference r[], size_t count, const double values[])
 {
+    int tracked = 0;
     for (size_t i = 0; i < count; i++) {
         double *kept = input(u, r[i]);
         if (!kept) return say(u, ERROR, "there is no such number, or it is an output");
         if (!isfinite(values[i])) return say(u, ERROR, "a number is not finite");
-        *kept = values[i];
+        if (r[i] >= TRACK && u->initialised) return say(u, ERROR, "what is tracked is fixed once the unit is initialised");
+        *kept = values[i], tracked |= r[i] >= TRACK;
     }
+    if (tracked) track(u);
     return OK;
 }
 
@@ -181,21 +199,8 @@ static void begin(unit *u)
         for (int i = 0; i < 3; i++) u->now.grab[g].point[i] = u->now.grab[g].target[i] = x[3 * far + i];
     for (int t = 0; t < TRACKS; t++)
         for (int i = 0; i < 3; i++) u->now.at[t][i] = x[3 * far + i];
-}
-
-/* The vertices nearest to where points are to be tracked. */
-static int track(unit *u)
-{
-    const double *x = ldsim_rest(u->model);
-    for (int t = 0; t < TRACKS; t++) {
-        double least = INFINITY;
-        for (uint32_t v = 0; v < u->info.vertices; v++) {
-            double away = 0.0;
-            for (int i = 0; i < 3; i++) away += (x[3 * v + i] - u->now.at[t][i]) * (x[3 * v + i] - u->now.at[t][i]);
-            if (away < least) least = away, u->now.vertex[t] = v;
-        }
-    }
-    return OK;
+    track(u);
+    u->initialised = 0;
 }
 
 static void end(unit *u)
@@ -257,6 +262,7 @@ static int advance(unit *u, double time, double step)
         const ldsim_outcome outcome = ldsim_step(u->solid, NULL);
         if (outcome > worst) worst = outcome;
     }
+    u->now.time = time + step;
     return worst <= LDSIM_SHORT ? OK : say(u, WARNING, "a step was slowed or held: the pull is too hard for the model");
 }
 
@@ -334,11 +340,11 @@ API(EnterInitializationMode)(
 {
 #if FMI == 3
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
-    ((unit *)u)->now.start = start;
+    ((unit *)u)->now.start = ((unit *)u)->now.time = start;
 #endif
-    return track(u);
+    return (void)u, OK;
 }
-API(ExitInitializationMode)(void *u) { return track(u); }
+API(ExitInitializationMode)(void *u) { return ((unit *)u)->initialised = 1, OK; }
 API(Terminate)(void *u) { return (void)u, OK; }
 API(Reset)(void *u) { return begin(u), OK; }
 EXPORTED void NAME(FreeInstance)(void *u) { end(u); }
@@ -351,7 +357,7 @@ API(SetDebugLogging)(void *u, boolean on, size_t count, const char *const names[
     return (void)u, (void)on, (void)count, (void)names, OK;
 }
 
-/* The path in a URI such as file:///a%20b, in place; a % that no two hexadecimal digits follow is itself. */
+/* The bytes that a URI such as file:///a%20b stands for, in place; a % that no two hexadecimal digits follow is itself. */
 static void unescape(char *path)
 {
     char *to = path;
@@ -364,6 +370,18 @@ static void unescape(char *path)
     *to = 0;
 }
 
+/* The path in a URI, in place: after file: there may be a host, which is this machine. */
+static char *path_in(char *uri)
+{
+    unescape(uri);
+    char *path = strncmp(uri, "file:", 5) ? uri : uri + 5;
+    if (path != uri && strncmp(path, "//", 2) == 0) path = strchr(path + 2, '/') ? strchr(path + 2, '/') : path;
+#ifdef _WIN32
+    if (path[0] == '/' && path[1] && path[2] == ':') path++;
+#endif
+    return path;
+}
+
 EXPORTED void *fmi2Instantiate(const char *name, int kind, const char *token, const char *resources,
                                const callbacks *calls, boolean visible, boolean logging)
 {
@@ -372,20 +390,14 @@ EXPORTED void *fmi2Instantiate(const char *name, int kind, const char *token, co
     char *path = malloc((resources ? strlen(resources) : 0) + 1);
     if (!path) return NULL;
     strcpy(path, resources ? resources : "");
-    unescape(path);
-    char *begins = strncmp(path, "file:", 5) ? path : path + 5;
-    if (strncmp(begins, "///", 3) == 0) begins += 2;
-#ifdef _WIN32
-    if (begins[0] == '/' && begins[1] && begins[2] == ':') begins++;
-#endif
-    unit *u = create(name, begins, calls->log, calls->environment);
+    unit *u = create(name, path_in(path), calls->log, calls->environment);
     free(path);
     return u;
 }
 API(SetupExperiment)(void *u, boolean defined, double tolerance, double start, boolean stop_defined, double stop)
 {
     (void)defined, (void)tolerance, (void)stop_defined, (void)stop;
-    return ((unit *)u)->now.start = start, OK;
+    return ((unit *)u)->now.start = ((unit *)u)->now.time = start, OK;
 }
 API(GetReal)(void *u, const reference r[], size_t n, double x[]) { return get_numbers(u, r, n, x); }
 API(SetReal)(void *u, const reference r[], size_t n, const double x[]) { return set_numbers(u, r, n, x); }
@@ -491,8 +503,9 @@ API(DoStep)(void *u, double time, double step, boolean no_set, boolean *event, b
             double *reached)
 {
     (void)no_set;
-    *event = *terminate = *early = 0, *reached = time + step;
-    return advance(u, time, step);
+    const int status = advance(u, time, step);
+    *event = *terminate = *early = 0, *reached = ((unit *)u)->now.time;
+    return status;
 }
 API(EnterEventMode)(void *u) { return none(u); }
 API(EnterStepMode)(void *u) { return none(u); }

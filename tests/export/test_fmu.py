@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import re
 import subprocess
@@ -176,6 +177,60 @@ def test_what_is_read_when_hold_is_taken_says_so_and_changes_nothing_while_it_is
     np.testing.assert_array_equal(found[0], found[1])
     assert np.abs(found[2] - found[3]).max() > 1e-6 * space.scene.mesh.diagonal
     unit.call("freeFMUstate", state)
+    unit.unit.terminate()
+    unit.unit.freeInstance()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_tracked_is_chosen_before_the_first_step_and_seen_at_once(
+    made: tuple[Space, Path], tmp_path: Path, version: int
+) -> None:
+    from fmpy.fmi1 import FMICallException
+
+    space, folder = made
+    unit, x, size = (
+        Unit(folder / f"solid-fmi{version}.fmu", tmp_path),
+        space.scene.mesh.vertices,
+        space.scene.mesh.diagonal,
+    )
+    far = unit.get("track[1].at")
+    np.testing.assert_allclose(unit.get("track[1].position"), far, atol=0.05 * size)  # it may sag
+    if unit.second:
+        unit.unit.setupExperiment(startTime=0.0)
+    unit.unit.enterInitializationMode()
+    chosen = x[np.linalg.norm(x - far, axis=1).argsort()[len(x) // 2]]
+    unit.set({"track[1].at": chosen + 1e-3 * size})
+    np.testing.assert_allclose(unit.get("track[1].position"), chosen, atol=0.05 * size)
+    unit.unit.exitInitializationMode()
+    with pytest.raises(FMICallException):
+        unit.set({"track[1].at": far})
+    np.testing.assert_array_equal(unit.get("track[1].at"), chosen + 1e-3 * size)
+    unit.unit.terminate()
+    unit.unit.freeInstance()
+
+
+def test_a_unit_tells_the_time_that_it_reached_and_not_that_of_a_step_that_failed(
+    made: tuple[Space, Path], tmp_path: Path
+) -> None:
+    space, folder = made
+    unit, h = Unit(folder / "solid-fmi3.fmu", tmp_path), space.scene.time_step
+    unit.unit.enterInitializationMode(startTime=2.0)
+    unit.unit.exitInitializationMode()
+
+    def step(time: float) -> tuple[int, float, float]:
+        """The status, the time that was reached, and the independent variable."""
+        flags, reached = [ctypes.c_bool() for _ in range(3)], ctypes.c_double()
+        do = ctypes.CDLL(unit.unit.dll._name).fmi3DoStep
+        do.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool, *[ctypes.c_void_p] * 4]
+        status = do(unit.unit.component, time, 0.5 * h, False, *map(ctypes.byref, flags), ctypes.byref(reached))
+        return status, reached.value, unit.unit.getFloat64([0])[0]
+
+    assert unit.unit.getFloat64([0]) == [2.0]
+    for halves in range(3):
+        now = 2.0 + 0.5 * h * (halves + 1)
+        assert step(2.0 + 0.5 * h * halves) == (0, pytest.approx(now), pytest.approx(now))
+    unit.set({"grab[1].point": [99.0, 0.0, 0.0], "grab[1].held": True})
+    assert step(2.0 + 1.5 * h) == (3, pytest.approx(2.0 + 1.5 * h), pytest.approx(2.0 + 1.5 * h))
     unit.unit.terminate()
     unit.unit.freeInstance()
 

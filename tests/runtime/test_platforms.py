@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from ldsim.errors import SolverError
+from ldsim.export import fmu
 from ldsim.runtime import compilers
-from ldsim.runtime.compilers import HERE, PLATFORMS, shared_library
+from ldsim.runtime.compilers import HERE, PLATFORMS, _here, shared_library
 from ldsim.runtime.library import Library, NativeModel, NativeSolid, build
 from ldsim.runtime.model_file import model_bytes
 from tests.runtime.problems import latent
@@ -50,6 +51,40 @@ def test_the_library_is_compiled_for_a_platform(tmp_path: Path, monkeypatch: pyt
             solid.step()
     u, v = (solid.displacements() for solid in solids)
     assert 0 < np.abs(u).max() and np.abs(u - v).max() <= 1e-6 * np.abs(u).max()
+
+
+@pytest.mark.parametrize(
+    ("system", "processor", "name"),
+    [
+        ("Windows", "AMD64", "windows-x86_64"),
+        ("Linux", "aarch64", "linux-arm64"),
+        ("Darwin", "arm64", "macos-arm64"),
+        ("Linux", "riscv64", "linux-riscv64"),
+        ("FreeBSD", "amd64", "FreeBSD-x86_64"),
+    ],
+)
+def test_a_machine_is_called_by_its_own_name(system: str, processor: str, name: str) -> None:
+    assert _here(system, processor) == name
+
+
+def test_a_machine_that_zig_is_not_asked_for_needs_a_compiler_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compilers, "compiler", lambda: None)
+    monkeypatch.setattr(compilers, "HERE", "linux-riscv64")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: "found")
+    with pytest.raises(
+        SolverError, match="no C compiler was found for linux-riscv64, and zig is asked only for linux-"
+    ):
+        shared_library(tmp_path, SOURCES, "libldsim")
+
+
+def test_a_unit_is_refused_where_its_platform_has_no_name_in_fmi(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(fmu, "HERE", "linux-riscv64")
+    with pytest.raises(SolverError, match="unknown platform 'linux-riscv64'; known are linux-x86_64"):
+        fmu.write_fmu(latent(), tmp_path)
 
 
 def test_without_a_compiler_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

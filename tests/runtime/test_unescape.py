@@ -10,13 +10,17 @@ import pytest
 from tests.runtime import fuzz
 
 PATHS = {
-    "file:///tmp/a%20b": "file:///tmp/a b",
-    "file:///tmp/%C3%a9": "file:///tmp/é",
-    "file:///tmp/100%2": "file:///tmp/100%2",
-    "file:///tmp/100%": "file:///tmp/100%",
-    "file:///tmp/50% dec": "file:///tmp/50% dec",
-    "file:///tmp/%+1%-1%0x": "file:///tmp/%+1%-1%0x",
-    "file:///tmp/%%41%4": "file:///tmp/%A%4",
+    "file:///tmp/a%20b": "/tmp/a b",
+    "file:///tmp/%C3%a9": "/tmp/é",
+    "file:///tmp/100%2": "/tmp/100%2",
+    "file:///tmp/100%": "/tmp/100%",
+    "file:///tmp/50% dec": "/tmp/50% dec",
+    "file:///tmp/%+1%-1%0x": "/tmp/%+1%-1%0x",
+    "file:///tmp/%%41%4": "/tmp/%A%4",
+    "file:/tmp/a%20b": "/tmp/a b",
+    "file://localhost/tmp/a%20b": "/tmp/a b",
+    "file:////host/share": "//host/share",
+    "/tmp/a": "/tmp/a",
     "": "",
 }
 
@@ -34,7 +38,9 @@ def program(cc: str, sources: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.mark.parametrize("uri", PATHS)
-def test_only_a_percent_sign_before_two_digits_is_an_escape(program: Path, uri: str) -> None:
+def test_a_path_is_found_without_its_host_and_only_a_percent_sign_before_two_digits_is_an_escape(
+    program: Path, uri: str
+) -> None:
     done = subprocess.run([program, uri], capture_output=True)
     assert done.returncode == 0, done.stderr.decode()[:4000]
     assert done.stdout.decode() == f"{PATHS[uri]}\n"

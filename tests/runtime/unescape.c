@@ -8,8 +8,7 @@ int main(int count, char **uris)
         char *path = malloc(strlen(uris[i]) + 1); /* no byte more, so that one too far is seen */
         if (!path) return 1;
         strcpy(path, uris[i]);
-        unescape(path);
-        puts(path);
+        puts(path_in(path));
         free(path);
     }
     return 0;
