@@ -49,14 +49,18 @@ class VertexField:
         local[vertices] = np.arange(len(vertices))
         nodes = local[self._elements.nodes]
         self._points = np.flatnonzero((nodes >= 0).any(axis=1))
-        self._nodes = nodes[self._points]
-        self._share = np.where(self._nodes >= 0, self._elements.weights[self._points, None], 0.0)
-        self._total = np.bincount(self._nodes.clip(0).ravel(), self._share.ravel(), len(vertices))
+        # of the pairs of a point and a vertex that it touches: elsewhere 0 times an infinite Ψ would not be 0
+        self._row, column = np.nonzero(nodes[self._points] >= 0)
+        self._place = nodes[self._points[self._row], column]
+        self._share = self._elements.weights[self._points[self._row]]
+        self._total = np.bincount(self._place, self._share, len(vertices))
 
     def __call__(self, field: str, u: Array, material_scale: float = 1.0) -> Array:
-        """One of `FIELDS` at every one of the vertices, (v,), at the displacement u, (n, 3) metres."""
+        """One of `FIELDS` at every one of the vertices, (v,), at the displacement u, (n, 3) metres.
+
+        Not finite at the vertices of a cell in a state that its material forbids, such as an inverted one.
+        """
         values = np.empty((2, len(self._points)))
         energy_and_stress(self._elements, self._points, u, values)
         at_points = material_scale * values[FIELDS.index(field)]
-        summed = np.bincount(self._nodes.clip(0).ravel(), (self._share * at_points[:, None]).ravel(), len(self._total))
-        return summed / self._total
+        return np.bincount(self._place, self._share * at_points[self._row], len(self._total)) / self._total

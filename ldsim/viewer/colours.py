@@ -37,7 +37,9 @@ class Colours:
             return []
         self._time = time.perf_counter()
         values = [self._field(field, each.displacement(), each.material_scale) for each in shown]
-        largest = max(float(np.percentile(each, 99)) for each in values)
+        # an inverted cell has no finite energy, and is drawn as the most there is
+        finite = [each[np.isfinite(each)] for each in values]
+        largest = max((float(np.percentile(each, 99)) for each in finite if each.size), default=0.0)
         if largest > self._high:  # it grows by round steps, and does not shrink
             self._high = rounded_up(largest)
         return [field_bytes(i, each, 0.0, self._high) for i, each in enumerate(values)]

@@ -114,6 +114,6 @@ def frame_bytes(
 
 
 def field_bytes(space: int, values: Array, low: float, high: float) -> bytes:
-    """Colours of one space: 12 bytes and one byte a surface vertex, 0 at `low` to 255 at `high`."""
-    scaled = np.clip((values - low) / max(high - low, 1e-300), 0, 1) * 255
-    return struct.pack("<BBHff", FIELD, space, 0, low, high) + np.nan_to_num(scaled).astype(np.uint8).tobytes()
+    """Colours of one space: 12 bytes and a byte a surface vertex, 0 at `low` to 255 at `high` and where not finite."""
+    scaled = np.where(np.isfinite(values), np.clip((values - low) / max(high - low, 1e-300), 0, 1), 1) * 255
+    return struct.pack("<BBHff", FIELD, space, 0, low, high) + scaled.astype(np.uint8).tobytes()

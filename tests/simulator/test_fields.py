@@ -42,6 +42,20 @@ def test_a_field_is_the_average_by_volume_of_the_points_around_a_vertex(field: s
 
 
 @pytest.mark.parametrize("field", FIELDS)
+def test_an_inverted_cell_is_seen_at_its_own_vertices_alone(field: str) -> None:
+    scene, u = SIMULATOR.scene, np.zeros((SIMULATOR.scene.mesh.n_vertices, 3))
+    tip = scene.mesh.vertices[:, 0].argmax()
+    u[tip, 0] = -0.9 * np.ptp(scene.mesh.vertices[:, 0])
+    with np.errstate(all="ignore"):
+        forbidden = ~np.isfinite(slow(u)[0])
+    of_it = np.unique(scene.elements.nodes[forbidden])
+    some = np.argsort(scene.mesh.vertices[:, 0])[::2]  # cells have other vertices too
+    found = VertexField(scene, some)(field, u, 1.0)
+    assert 0 < np.isin(some, of_it).sum() < len(some)
+    np.testing.assert_array_equal(np.isfinite(found), ~np.isin(some, of_it))
+
+
+@pytest.mark.parametrize("field", FIELDS)
 def test_a_solid_at_rest_has_none(field: str) -> None:
     u = np.zeros((SIMULATOR.scene.mesh.n_vertices, 3))
     np.testing.assert_allclose(VertexField(SIMULATOR.scene, SIMULATOR.surface.vertices)(field, u, 1.0), 0.0, atol=1e-8)
