@@ -124,7 +124,9 @@ def _materials(buffer: _Buffer, skin: Skin | None) -> dict[str, Any]:
             paint["baseColorTexture"] = {"index": len(found["textures"])}
             found["textures"].append({"source": len(found["images"])})
             found["images"].append({"bufferView": buffer.add_bytes(look.texture), "mimeType": MIME[look.suffix]})
-        found["materials"].append({"name": look.name, "pbrMetallicRoughness": paint})
+        # without a mode, alpha is not looked at
+        mode = {"alphaMode": "BLEND"} if look.colour[3] < 1 else {}
+        found["materials"].append({"name": look.name, "pbrMetallicRoughness": paint, **mode})
     return {name: entries for name, entries in found.items() if entries}
 
 

@@ -15,7 +15,8 @@ from ldsim.errors import ExportError
 from ldsim.export.playback import Playback
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at, look_at_broadside, upright
-from ldsim.report.drawing import Movement, Picture, fitted, moving_pictures, on_white, webp
+from ldsim.report.drawing import Movement, Picture, fitted, moving_pictures, on_white
+from ldsim.report.pictures import animation
 
 
 class Codec(NamedTuple):
@@ -29,7 +30,8 @@ class Codec(NamedTuple):
 class PictureLook(NamedTuple):
     """What may be said of pictures: frames a second, width and height in pixels, azimuth and elevation in degrees.
 
-    Left out: at most 25 frames a second of a picture, 30 of a video; as high as the solid needs; its broad side.
+    A picture has 100 frames a second at most. Left out: at most 25 of a picture, 30 of a video; as high as the solid
+    needs; its broad side.
     """
 
     fps: float | None = None
@@ -38,6 +40,8 @@ class PictureLook(NamedTuple):
 
 
 WEBP_RATE, VIDEO_RATE = 25.0, 30.0
+# Viewers take a shorter pause of a WebP for a mistake, and make a long one of it.
+WEBP_MOST = 100.0
 WEBP_WIDTH, VIDEO_WIDTH = 480, 960
 # Pixels are kept as yuv420p, which every browser plays.
 MP4 = Codec(".mp4", "libx264", ("-crf", "22", "-preset", "veryfast", "-movflags", "+faststart"))
@@ -47,7 +51,9 @@ WEBM = Codec(".webm", "libvpx-vp9", ("-crf", "34", "-b:v", "0", "-deadline", "re
 def write_webp(playback: Playback, path: Path, look: PictureLook = PictureLook()) -> None:
     """Write an endless animated WebP in real time on a transparent background."""
     shown, rate = shown_frames(playback, look.fps, WEBP_RATE)
-    path.write_bytes(webp(list(_pictures(playback, shown, look, WEBP_WIDTH)), max(10, round(1000 / rate))))
+    if rate > WEBP_MOST:
+        shown, rate = shown_frames(playback, WEBP_MOST, WEBP_RATE)
+    path.write_bytes(animation(list(_pictures(playback, shown, look, WEBP_WIDTH)), 1 / rate))
 
 
 def shown_frames(playback: Playback, fps: float | None, most: float) -> tuple[list[int], float]:

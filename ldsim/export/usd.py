@@ -27,6 +27,7 @@ def write_usd(playback: Playback, path: Path) -> None:
     # USD's up is y or z; gravity along another axis leaves the solid lying.
     UsdGeom.SetStageUpAxis(stage, "Z" if int(np.abs(playback.scene.gravity).argmax()) == 2 else "Y")
     stage.SetTimeCodesPerSecond(1 / playback.frame_seconds)
+    stage.SetFramesPerSecond(1 / playback.frame_seconds)
     stage.SetStartTimeCode(1)  # frame i is the state at (i + 1) h, and time code 0 is rest
     stage.SetEndTimeCode(playback.frames)
     stage.SetDefaultPrim(UsdSkel.Root.Define(stage, "/solid").GetPrim())

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 
 import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
+from ldsim.report import drawing
 from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import Movement, Pull, moving_pictures, webp
+from ldsim.report.drawing import Movement, Pull, moving_pictures
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.run import Run
@@ -21,6 +24,8 @@ ANIMATION_WIDTH = 1000
 ANIMATION_TRIANGLES = 1_000_000
 ANIMATION_BYTES = 1_000_000
 FEWEST_FRAMES = 12
+# A second; many viewers show no more.
+ANIMATION_RATE = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,18 @@ class Picture:
     file: str
     caption: str
     data: bytes
+
+
+def animation(pictures: Sequence[drawing.Picture], pause: float) -> bytes:
+    """An endless WebP of pictures of one size, each shown for so many seconds.
+
+    The file has whole milliseconds: their rounding is carried on, so that the whole lasts as long as it should.
+    """
+    ends = np.round(1000 * pause * np.arange(len(pictures) + 1)).astype(int)
+    buffer, first, rest = BytesIO(), pictures[0], list(pictures[1:])
+    options = {"save_all": True, "append_images": rest, "loop": 0, "quality": 60, "method": 3}
+    first.save(buffer, "WEBP", duration=np.diff(ends).tolist(), **options)
+    return buffer.getvalue()
 
 
 def moving_picture(run: Run) -> Picture | None:
@@ -59,7 +76,7 @@ def moving_picture(run: Run) -> Picture | None:
     view = look_at_broadside(rest, np.concatenate([each.positions for each in sequences]))
     pause = float(frames[1] - frames[0]) * h
     pictures = moving_pictures(sequences, surface_triangles(run.scene.mesh), view, ANIMATION_WIDTH)
-    data = webp(list(pictures), max(20, round(1000 * pause)))
+    data = animation(list(pictures), pause)
     if len(data) > ANIMATION_BYTES:
         return None
     caption = (  # frame i is the state at (i + 1) h
@@ -91,7 +108,8 @@ def _stretch(run: Run, motion: str) -> Indices:
     panels = 1 + len(reduced_runs(run, motion))
     most = min(ANIMATION_FRAMES, ANIMATION_TRIANGLES // (panels * len(surface_triangles(run.scene.mesh))))
     length = min(round(ANIMATION_SECONDS / run.scene.time_step), len(moved))
-    stride = max(-(-length // max(most, 1)), 1)
+    least = int(np.ceil(1 / (ANIMATION_RATE * run.scene.time_step) - 1e-9))
+    stride = max(-(-length // max(most, 1)), least, 1)
     first = int(np.clip(int(moved.argmax()) - length // 2, 0, len(moved) - length))
     return np.arange(first, first + length, stride, dtype=np.int64)[:most]
 

@@ -12,6 +12,7 @@ from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
+from ldsim.report.wording import readable
 from ldsim.run import Run
 from ldsim.space.options import PcaOptions
 
@@ -192,8 +193,8 @@ def _drift(facts: Facts) -> str | None:
     if worst is None or windowed is None or windowed * DRIFT > relative(worst):
         return None
     return (
-        f"Most of the error on {worst.motion} is drift: started anew every so often it is {100 * windowed:.2g} %. "
-        "Where only shapes and forces count and not the phase of a long swing, nothing need be turned."
+        f"Most of the error on {worst.motion} is drift: started anew every so often it is {readable(100 * windowed)} "
+        "%. Where only shapes and forces count and not the phase of a long swing, nothing need be turned."
     )
 
 

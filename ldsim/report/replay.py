@@ -256,7 +256,7 @@ def _described(
 def _step_words(run: Run, space: str, motion: str) -> str:
     """How long a step took, where it was timed."""
     timed = runs(run, space).get(motion)
-    return "" if timed is None else f", {1000 * float(np.nanmedian(timed.seconds)):.2g} ms"
+    return "" if timed is None else f", {readable(1000 * float(np.nanmedian(timed.seconds)))} ms"
 
 
 def _caption(run: Run, stride: int, names: Sequence[str], vertices: int, modes: int, worst: float, mean: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from ldsim.errors import ExportError, MeshError
 from ldsim.export.formats import Choice, export
+from ldsim.export.gltf import write_glb
 from ldsim.export.playback import playback
 from ldsim.mesh.formats import read_skin
 from ldsim.mesh.surface import Surface
@@ -49,6 +51,15 @@ def test_as_gltf_it_deforms_with_its_texture(run: Run, painted: Path, tmp_path: 
     for frame in range(played.frames):
         moved, u = np.tensordot(weights[frame], targets, 1), played.displacement(frame)
         assert np.abs(moved - u[nearest]).max() < 0.25 * np.abs(u).max()
+
+
+def test_as_gltf_glass_is_seen_through_and_wood_is_not(run: Run, painted: Path, tmp_path: Path) -> None:
+    skin = read_skin(painted)
+    (wood, first), (glass, second) = skin.parts
+    skin = replace(skin, parts=((wood, first), (glass, replace(second, colour=(1.0, 1.0, 1.0, 0.4)))))
+    write_glb(replace(playback(run, "push", "linear"), skin=skin), tmp_path / "a.glb")
+    materials = read_glb(tmp_path / "a.glb")[0]["materials"]
+    assert [material.get("alphaMode", "OPAQUE") for material in materials] == ["OPAQUE", "BLEND"]
 
 
 def test_as_obj_every_frame_has_it_with_its_picture(run: Run, painted: Path, tmp_path: Path) -> None:

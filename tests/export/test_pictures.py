@@ -43,6 +43,26 @@ def test_frames_pass_in_real_time_at_the_rate_that_is_asked_for(push: Playback) 
         shown_frames(motion, 1.1 * own, 30.0)
 
 
+@pytest.mark.parametrize(("own", "fps"), [(250.0, 250.0), (240.0, 144.0), (60.0, 60.0), (35.0, None), (250.0, None)])
+def test_a_moving_picture_lasts_as_long_as_the_motion(
+    push: Playback, tmp_path: Path, own: float, fps: float | None
+) -> None:
+    motion = replace(
+        push, frames=30, frame_seconds=1 / own, displacement=lambda frame: (1 + frame) * push.displacement(5)
+    )
+    write_webp(motion, tmp_path / "a.webp", PictureLook(fps, size=(40, 30)))
+    with Image.open(tmp_path / "a.webp") as image:
+        pauses = []
+        for frame in range(getattr(image, "n_frames", 1)):
+            image.seek(frame)
+            image.load()
+            pauses.append(image.info["duration"])
+    stride = 1 if fps else int(np.ceil(own / 25))
+    shown = len(range(0, 30, stride)) * stride if fps is None else 30
+    assert sum(pauses) == pytest.approx(1000 * shown / own, abs=10 if fps else 0.51)
+    assert min(pauses) >= 10
+
+
 @pytest.mark.parametrize("size", [(200, 300), (300, 100)])
 def test_a_picture_has_the_size_that_is_asked_for(run: Run, tmp_path: Path, size: tuple[int, int]) -> None:
     path, _ = export(run, Choice("webp", "push", "full", every=4, size=size), tmp_path / "a.webp")

@@ -28,6 +28,7 @@ def test_usd_plays_the_motion(run: Run, tmp_path: Path) -> None:
     h = played.scene.time_step  # the first time code is the state at h
     assert stage.GetStartTimeCode() / stage.GetTimeCodesPerSecond() == pytest.approx(h)
     assert stage.GetEndTimeCode() / stage.GetTimeCodesPerSecond() == pytest.approx(played.frames * h)
+    assert stage.GetFramesPerSecond() == stage.GetTimeCodesPerSecond()
     surface = Surface.of(played.mesh)
     points = stage.GetPrimAtPath("/solid/surface").GetAttribute("points")
     for frame in range(played.frames):

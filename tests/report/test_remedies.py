@@ -100,7 +100,8 @@ ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, objec
     "by heart": ([], None, [[0.01, 0.5]] * 100, "train.hidden", "set train.hidden to [50, 50] (now [100, 100])"),
     "lost": ([lost], None, None, "cubature.tolerance", "The latent run of x_2 was lost"),
     "condensed lost": ([lost], CONDENSED, None, "train.condensed.rounds", "The latent run of x_2 was lost"),
-    "drift": ([error("test", 0.4, 0.05)], None, None, "drift", "it is 5 %"),
+    "drift": ([error("test", 0.4, 0.05)], None, None, "drift", "it is 5.00 %"),
+    "lasting drift": ([error("test", 40.0, 1.2)], None, None, "drift", "it is 120 %"),
 }
 
 

@@ -8,6 +8,7 @@ from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 from ldsim.mesh.surface import surface_vertices
 from ldsim.report import replay as replay_module
-from ldsim.report.replay import Replay, make_replay, quantised
+from ldsim.report.replay import Replay, _step_words, make_replay, quantised
 from ldsim.report.runs import reduced_runs
 from ldsim.run import Run
 from tests.report.small_run import FRAMES, LOST_FROM, changed, finished_run
@@ -91,6 +92,12 @@ def test_numbers_in_the_panels_are_those_of_the_run(run, replay):
         if shown["space"] != "full":
             true = reduced_runs(run, motion["name"])[shown["space"]].mean_error[: shown["frames"]]
             np.testing.assert_allclose(unpacked(shown["mean_mm"]), 1000 * true, rtol=1e-6)
+
+
+def test_a_step_that_took_long_is_told_without_an_exponent(monkeypatch):
+    timed = SimpleNamespace(seconds=np.array([0.1234, np.nan]))
+    monkeypatch.setattr("ldsim.report.replay.runs", lambda run, space: {"push": timed})
+    assert _step_words(None, "full", "push") == ", 123 ms"
 
 
 def test_a_pull_goes_from_the_middle_of_what_is_held_to_its_target(run, replay):
