@@ -61,6 +61,12 @@ class Client:
         return waiting
 
 
+def hosts_at(port: int) -> tuple[str, ...]:
+    """What a browser may call this machine at a port; it leaves out that of HTTP."""
+    hosts = (f"{ADDRESS}:{port}", f"localhost:{port}")
+    return (*hosts, ADDRESS, "localhost") if port == 80 else hosts
+
+
 class Server:
     """Serves one session to the pages of this machine.
 
@@ -105,7 +111,7 @@ class Server:
                 f"cannot listen on port {self._port}: {reason}; choose another with --port, or 0 for any that is free"
             ) from error
         port = listening.sockets[0].getsockname()[1]
-        self._hosts = (f"{ADDRESS}:{port}", f"localhost:{port}")
+        self._hosts = hosts_at(port)
         self._audience = Audience(
             lambda frame: loop.call_soon_threadsafe(self._send_frame, frame),
             lambda space, colours: loop.call_soon_threadsafe(self._send_colours, space, colours),
@@ -121,6 +127,11 @@ class Server:
             self._session.stop()
             await asyncio.to_thread(stepping.join, 5.0)
 
+    @property
+    def farewell(self) -> str:
+        """What is to be said when `run` has ended; empty where there is nothing."""
+        return self._session.farewell
+
     def end(self) -> None:
         """Stop serving."""
         self._ended.set()
@@ -129,8 +140,8 @@ class Server:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page's files and blocks; None lets the socket through."""
-        path = request.path.partition("?")[0]
-        token, _, name = path.removeprefix("/").partition("/")
+        path, mark, asked = request.path.partition("?")
+        token, slash, name = path.removeprefix("/").partition("/")
         hosts = request.headers.get_all("Host")
         if (
             len(hosts) != 1
@@ -138,6 +149,8 @@ class Server:
             or not secrets.compare_digest(token.encode(), self._token.encode())
         ):
             return _response(403, "Forbidden", b"open the address that ldsim printed\n")
+        if not slash:  # the page asks for its files beside it
+            return _response(308, "Permanent Redirect", b"", Location=f"/{token}/{mark}{asked}")
         if name == "socket":
             return self._admit(request)
         if name in PAGE:
@@ -228,7 +241,7 @@ async def _send(connection: ServerConnection, client: Client) -> None:
         pass
 
 
-def _response(status: int, reason: str, body: bytes, kind: str = "text/plain; charset=utf-8") -> Response:
+def _response(status: int, reason: str, body: bytes, kind: str = "text/plain; charset=utf-8", **more: str) -> Response:
     headers = Headers(
         {
             "Content-Type": kind,
@@ -240,6 +253,7 @@ def _response(status: int, reason: str, body: bytes, kind: str = "text/plain; ch
             "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
             "Referrer-Policy": "no-referrer",
             "X-Content-Type-Options": "nosniff",
+            **more,
         }
     )
     return Response(status, reason, headers, body)

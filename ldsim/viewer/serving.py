@@ -20,10 +20,13 @@ def serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
 
     Args:
         browser: whether to open the page in one.
-        tell, warn: what take the address of the page, and what went wrong with the browser.
+        tell, warn: what take the address of the page and what became of a recording, and what went wrong with the
+            browser.
     """
     with one_thread(), contextlib.suppress(KeyboardInterrupt):
         asyncio.run(_serve(server, browser, tell, warn))
+    if server.farewell:
+        tell(server.farewell)
     tell("stopped")
 
 

@@ -24,8 +24,8 @@ from ldsim.viewer.state import Audience, Errors, PageLook, space_frame
 TICK = 1 / 60
 # The longest a tick may step; what is not done by then is dropped, and time runs slower than asked.
 BUDGET = 0.1
-# Messages that wait to be obeyed.
-MOST_WAITING = 1000
+# Messages that wait to be obeyed, and of these moves of pulls.
+MOST_WAITING, MOST_MOVES = 1000, 500
 
 
 class Session:
@@ -39,6 +39,7 @@ class Session:
 
     Attributes:
         hands: what the pages hold.
+        farewell: what is to be said when `run` has ended; empty where there is nothing.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class Session:
         x, y, z = (float(value) for value in first[0].gravity)
         self.look = PageLook((x, y, z))
         self.hands = Hands()
+        self.farewell = ""
         self._told: queue.SimpleQueue[tuple[int, protocol.Message | None]] = queue.SimpleQueue()
         self._watched, self._stopped = threading.Event(), threading.Event()
         self._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, lambda _: None)
@@ -75,8 +77,12 @@ class Session:
         """Pass on a message, or with None that a page has left; false where too many messages wait already.
 
         That a page has left is always passed on, behind all that it said before: what it holds would be held for ever.
+        Moves of a pull are dropped before that, as many come while a space opens, and the next one says the same.
         """
-        if message is not None and self._told.qsize() >= MOST_WAITING:
+        waiting = self._told.qsize()
+        if isinstance(message, protocol.MoveMessage) and waiting >= MOST_MOVES:
+            return True
+        if message is not None and waiting >= MOST_WAITING:
             return False
         self._told.put((client, message))
         return True
@@ -109,6 +115,8 @@ class Session:
             before = started
             debt = self._tick(debt)
             time.sleep(max(TICK - (time.perf_counter() - started), 0.001))
+        if self._recording:
+            self.farewell = self._end_recording("here")
 
     def _tick(self, debt: float) -> float:
         """Obey, step and publish once; whatever goes wrong is told and costs the shape, never the page."""
@@ -118,19 +126,19 @@ class Session:
             self.publish()
         except Exception as error:
             self._reset()
-            self._audience.notice(f"back at rest, because of an error in a step: {error!r}{self._cut_short()}")
+            cut = f"; {self._end_recording('before it')}" if self._recording else ""
+            self._audience.notice(f"back at rest, because of an error in a step: {error!r}{cut}")
             self._audience.status(self.status())
             return 0.0
         return debt
 
-    def _cut_short(self) -> str:
-        """End a recording whose solid is back at rest because of an error; returns what to say of it."""
-        if self.recorder is None or not self._recording:
-            return ""
+    def _end_recording(self, where: str) -> str:
+        """End a recording that nobody has stopped; returns what to say of it."""
+        assert self.recorder is not None
         try:
-            return f"; the recording ends before it, {self.recorder.record(False)}"
+            return f"the recording ends {where}, {self.recorder.record(False)}"
         except Exception as lost:  # a second error here would end the stepping thread, and the page with it
-            return f"; the recording is lost: {lost}"
+            return f"the recording is lost: {lost}"
 
     def obey(self) -> None:
         """Do all that was told since the last time."""
@@ -239,8 +247,7 @@ class Session:
                 self._condition()
             case protocol.NumberMessage(kind="stiffness"):
                 self._refuse_while("stiffness stays as it is")
-                self.look.stiffness = min(max(message.value, 0.01), 100.0)
-                self._condition()
+                self._stiffen(min(max(message.value, 0.01), 100.0))
             case protocol.NumberMessage():
                 self.look.speed = min(max(message.value, 0.01), 4.0)
             case protocol.SwitchMessage(kind="pause"):
@@ -315,6 +322,16 @@ class Session:
         for simulator in self._shown:
             simulator.gravity, simulator.material_scale = self.look.gravity, self.look.stiffness
 
+    def _stiffen(self, value: float) -> None:
+        """In every space, or in none."""
+        before, self.look.stiffness = self.look.stiffness, value
+        try:
+            self._condition()
+        except LdsimError:
+            self.look.stiffness = before
+            self._condition()
+            raise
+
     def _reset(self) -> None:
         self.player.stop(self._shown)
         self.hands.held.clear()
@@ -345,10 +362,11 @@ class Session:
                 self._audience.notice(f"opening the {name} space")
                 self._open[name] = self._open_space(name)
                 self.blocks[name] = space_block(self._open[name])
-        before, self._shown = self._shown, [self._open[name] for name in names]
-        for simulator in self._shown:
+        before, shown = self._shown, [self._open[name] for name in names]
+        for simulator in shown:
             if simulator not in before:
                 simulator.follow(before[0])
+        self._shown = shown
         self.hands.carry_over(before, self._shown)
         self._records, self._errors = [], Errors()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import socket
 import struct
@@ -22,7 +23,7 @@ from ldsim.simulator import load
 from ldsim.viewer.payload import FRAME
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.server import Server, ServerError
+from ldsim.viewer.server import Server, ServerError, hosts_at
 from tests.simulator.playable import K, solid
 from tests.viewer.served import joined, origin, served
 
@@ -104,6 +105,21 @@ def test_a_foreign_page_gets_no_socket(url: str, foreign: str | None) -> None:
 def test_a_name_that_only_points_here_is_refused(url: str) -> None:
     assert status_of(url, Host="attacker.example") == 403
     assert status_of(url, Host=f"localhost:{urlsplit(url).port}") == 200
+
+
+def test_at_the_port_of_http_a_browser_need_not_say_it() -> None:
+    assert {"127.0.0.1", "localhost", "127.0.0.1:80"} < set(hosts_at(80))
+    assert set(hosts_at(8080)) == {"127.0.0.1:8080", "localhost:8080"}
+
+
+def test_the_address_without_its_last_slash_leads_to_the_page(url: str) -> None:
+    parts = urlsplit(url)
+    connection = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=30)
+    connection.request("GET", f"{parts.path.rstrip('/')}?yaw=1")
+    answer = connection.getresponse()
+    assert (answer.status, answer.getheader("Location")) == (308, f"{parts.path}?yaw=1")
+    connection.close()
+    assert fetch(url.rstrip("/")) == fetch(url)
 
 
 def test_only_the_loopback_address_is_listened_on(url: str) -> None:

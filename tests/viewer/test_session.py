@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.simulate import simulate
-from ldsim.errors import LdsimError
+from ldsim.errors import LdsimError, SceneError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator, load
 from ldsim.viewer import protocol
-from ldsim.viewer.colours import rounded_up
+from ldsim.viewer.colours import Colours, rounded_up
+from ldsim.viewer.payload import field_bytes
 from ldsim.viewer.player import PlayedMotion
 from ldsim.viewer.recorder import Recorder
+from ldsim.viewer.serving import serve
 from ldsim.viewer.session import Session
 from ldsim.viewer.state import Audience, Errors
+from tests.helpers import bent
 from tests.simulator.playable import solid
 
 
@@ -88,12 +93,37 @@ def test_a_page_that_leaves_lets_go_however_many_messages_wait(playable: Path) -
     pull(session, session._shown[0])
     assert session.hands.held
     waiting = 0
-    while session.tell(2, protocol.MoveMessage(id=9, target=(0.0, 0.0, 0.0))):
+    while session.tell(2, protocol.SwitchMessage(kind="pause", value=False)):
         waiting += 1
         assert waiting < 100_000
     assert session.tell(1, None)
     session.obey()
     assert not session.hands.held and not session._shown[0].grabs
+
+
+def test_a_pull_that_goes_on_while_a_space_opens_costs_no_connection_and_lets_go(playable: Path) -> None:
+    session = session_of(playable, [])
+    pull(session, session._shown[0])
+    assert all(session.tell(1, protocol.MoveMessage(id=5, target=(0.1, 0.0, 0.0))) for _ in range(5000))
+    assert session.tell(1, protocol.ReleaseMessage(id=5))
+    session.obey()
+    assert not session.hands.held
+
+
+def test_a_stiffness_that_a_space_refuses_is_set_in_none(playable: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    session, scaled = session_of(playable, said), Simulator._scaled
+    told(session, protocol.SpacesMessage(value=("full", "linear")))
+
+    def refusing(simulator: Simulator, state: object, scale: float) -> object:
+        if scale < 0.5 and simulator.space.name == "linear":
+            raise SceneError("too soft")
+        return scaled(simulator, state, scale)
+
+    monkeypatch.setattr(Simulator, "_scaled", refusing)
+    told(session, protocol.NumberMessage(kind="stiffness", value=0.1))
+    assert said[-1] == "too soft" and session.look.stiffness == 1.0
+    assert [simulator.material_scale for simulator in session._shown] == [1.0, 1.0]
 
 
 def told(session: Session, *messages: protocol.Message) -> None:
@@ -311,6 +341,45 @@ def test_an_error_in_a_step_ends_a_recording_with_the_frames_before_it(
     motion = read_recording(path, "m")
     np.testing.assert_array_equal(motion.drags[0].targets, [first.target] * 3)
     assert motion.frames == 3 and not session._recording
+
+
+def test_the_end_of_the_session_writes_a_recording_that_runs_and_says_so(tmp_path: Path) -> None:
+    session = recording_session(tmp_path / "m.csv", [])
+    told(session, RECORD)
+    first = hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 3)
+    session.stop()
+    session.run()
+    assert session.farewell == f"the recording ends here, {tmp_path / 'm.csv'}: 3 frames, 1 pull"
+    np.testing.assert_array_equal(read_recording(tmp_path / "m.csv", "m").drags[0].targets, [first.target] * 3)
+
+
+def test_what_becomes_of_a_recording_at_the_end_is_told_on_the_command_line() -> None:
+    class Ending:
+        farewell = "the recording ends here, m.csv: 3 frames, 1 pull"
+
+        def end(self) -> None: ...
+
+        async def run(self, ready: object) -> None: ...
+
+    said: list[str] = []
+    server: Any = Ending()
+    serve(server, False, said.append, said.append)
+    assert said == [Ending.farewell, "stopped"]
+
+
+def test_where_energy_is_infinite_the_others_still_make_the_scale() -> None:
+    simulator: Any = full_simulator(solid(1))
+    mesh, u = simulator.scene.mesh, 0.1 * bent(simulator.scene.mesh)
+    u[mesh.vertices[:, 0].argmax(), 0] = -0.9 * np.ptp(mesh.vertices[:, 0])
+    shown: Any = SimpleNamespace(displacement=lambda: u, material_scale=1.0)
+    colours = Colours(simulator.scene, simulator.surface)
+    colours._time = -np.inf
+    (found,) = colours.of("energy", [shown])
+    low, high = np.frombuffer(found, "<f4", 2, 4)
+    shades = np.frombuffer(found, np.uint8, offset=12)
+    assert low == 0 and 0 < high < np.inf and shades.max() == 255 > shades.min()
+    assert field_bytes(0, np.array([0.0, np.inf, np.nan]), 0.0, 1.0)[12:] == bytes([0, 255, 255])
 
 
 @pytest.mark.parametrize(("value", "expected"), [(0.0, 0.0), (1.0, 1.0), (1.01, 2.0), (420.0, 500.0), (0.0051, 0.01)])
