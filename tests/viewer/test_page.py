@@ -186,6 +186,26 @@ def test_undo_takes_a_pull_back_and_a_motion_is_played_from_its_name(tab: Tab, p
     tab.wait("document.getElementById('replay').title.startsWith('Play') && ldsim.grabs === 0")
 
 
+def test_what_has_only_a_sign_says_what_it_is_and_the_pad_where_it_is(tab: Tab) -> None:
+    named = "(element.getAttribute('aria-label') ?? element.textContent)"
+    nameless = f"[...document.querySelectorAll('button')].filter((element) => !/[a-z]{{3}}/i.test({named}))"
+    assert tab.evaluate(f"{nameless}.map((element) => element.outerHTML)") == []
+    assert tab.evaluate("document.getElementById('pause').getAttribute('aria-label')") == "Go on (space)"
+    pad = "document.getElementById('tilt')"
+    read = f"['now', 'min', 'max', 'text'].map((name) => {pad}.getAttribute(`aria-value${{name}}`))"
+    assert tab.evaluate(read) == ["0", "0", "90", "0° from upright"]
+    tab.evaluate(f"{pad}.dispatchEvent(new KeyboardEvent('keydown', {{ key: 'ArrowUp', bubbles: true }}))")
+    assert tab.evaluate(read) == ["9", "0", "90", "9° from upright"]
+
+
+def test_the_space_bar_pauses_but_where_it_opens_what_has_the_focus(tab: Tab) -> None:
+    tab.evaluate("window.pauses = 0; document.getElementById('pause').onclick = () => (window.pauses += 1)")
+    for place, pauses in (("summary", 0), ("#stage", 1)):
+        event = "new KeyboardEvent('keydown', { key: ' ', bubbles: true, cancelable: true })"
+        tab.evaluate(f"document.querySelector('{place}').dispatchEvent({event})")
+        assert tab.evaluate("window.pauses") == pauses
+
+
 def test_a_finger_pulls_too(tab: Tab, playable: Path) -> None:
     _, (x, y) = facing_vertex(tab, load(playable))
     tab.touch("touchStart", [(x, y)])

@@ -8,6 +8,8 @@ const toned = (space) => space.split("_")[0];
 const [NARROW, LOW] = [640, 540]; // pixels of a window, or a notebook's cell, in which the controls would cover the solid: they begin folded
 const OUTCOMES = ["", "stopped early", "slowed", "held"];
 const KEYS = { " ": "pause", ".": "step", s: "step", r: "reset", u: "undo", 0: "home", c: "capture", "?": "help", h: "help" };
+/** What a button with a sign does, for whoever points at it and whoever hears the page. */
+const explain = (name, text) => ["title", "aria-label"].forEach((attribute) => byId(name).setAttribute(attribute, text));
 const TILTS = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
 
 export class Panel {
@@ -49,7 +51,7 @@ export class Panel {
 
   key(event) {
     const commanded = event.ctrlKey || event.metaKey, press = commanded ? event.key === "z" && "undo" : KEYS[event.key];
-    if (!press || event.target.closest?.("button, select, input")) return;
+    if (!press || event.target.closest?.("button, select, input, summary")) return;
     event.preventDefault();
     byId(press).click();
   }
@@ -74,6 +76,9 @@ export class Panel {
     const length = Math.max(1, Math.hypot(x, y));
     this.tilt = [x / length, y / length];
     byId("needle").style.transform = `translate(${50 * this.tilt[0]}%, ${50 * this.tilt[1]}%)`;
+    const angle = Math.round(90 * Math.hypot(...this.tilt));
+    byId("tilt").setAttribute("aria-valuenow", angle);
+    byId("tilt").setAttribute("aria-valuetext", `${angle}° from upright`);
     byId("gravity").checked = true;
     this.sendGravity();
   }
@@ -88,7 +93,7 @@ export class Panel {
   show(status) {
     this.status = status;
     byId("pause").textContent = status.paused ? "▶" : "❚❚";
-    byId("pause").title = status.paused ? "Go on (space)" : "Pause (space)";
+    explain("pause", status.paused ? "Go on (space)" : "Pause (space)");
     byId("speed").value = String(status.speed);
     byId("stiffness").value = String(Math.log10(status.stiffness));
     byId("stiffness-value").textContent = `× ${status.stiffness.toFixed(status.stiffness < 1 ? 2 : 1)}`;
@@ -110,7 +115,7 @@ export class Panel {
     if (byId("player").hidden) return;
     const { playing, motions, chosen } = player, busy = playing || Boolean(recorder?.recording);
     byId("replay").textContent = playing ? "■" : "▶";
-    byId("replay").title = playing ? "Stop" : "Play this motion from rest";
+    explain("replay", playing ? "Stop" : "Play this motion from rest");
     byId("replay").disabled = Boolean(recorder?.recording);
     for (const name of ["motions", "discard"]) byId(name).disabled = busy;
     byId("discard").hidden = !recorder;
