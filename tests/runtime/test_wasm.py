@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib.util
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +23,7 @@ from ldsim.mechanics.motion import Drag
 from ldsim.mesh.shapes import beam
 from ldsim.run import Run
 from ldsim.runtime import webassembly
-from ldsim.runtime.model_file import model_bytes, pieces
+from ldsim.runtime.model_file import checksum, model_bytes, pieces
 from ldsim.space.space import Space
 from tests.helpers import reduced_space, scene
 from tests.report.small_run import write_run
@@ -60,6 +61,31 @@ def test_the_committed_module_is_made_of_the_sources_as_they_are() -> None:
 )
 def test_compiled_again_the_module_is_the_same() -> None:
     assert wasm.compiled() + wasm.stamp() == webassembly()
+
+
+def enormous() -> bytes:
+    """A small file of a model whose solids need a little more than 2³² bytes, of layers 1, 8070 and 2 wide."""
+    r, widths = 8191, (1, 8070, 2)
+    counts = np.zeros(29, "<u4")
+    counts[[0, 2, 3, 4]] = 1, r, r, len(widths)
+    counts[5:8], counts[[16, 17, 26, 27]] = widths, (1, 1, 8, 100)
+    numbers = np.array([0.01, 0, -9.81, 0, 1e-6, 1, 1, 1, 0.1, 0, 0, 0])
+    layers = sum((rows + 1) * columns for rows, columns in zip((r, *widths), widths, strict=False))
+    arrays = [np.zeros(3 + layers + widths[-1] + 9), np.ones(3 + r), np.zeros((1 + 3 + 3) * r)]
+    body = b"".join(array.tobytes() for array in arrays) + np.array([1, 0], "<u8").tobytes()  # movable, of material 0
+    rest = counts.tobytes() + bytes(4) + numbers.tobytes() + body
+    head = b"LDSIM\r\n\x1a" + np.array([3, 256], "<u4").tobytes() + np.array([40 + len(rest)], "<u8").tobytes()
+    return head + checksum(rest) + rest
+
+
+@needs_node
+def test_a_solid_that_is_larger_than_the_memory_of_a_page_is_refused() -> None:
+    """Counted in 32 bits it would be a small one, and all that is done with it outside of its memory."""
+    program = """
+    const model = unpacked(given);
+    try { new Solid(model, 0); result = "created"; } catch (error) { result = error.message; }
+    """
+    assert run_javascript(program, base64.b64encode(enormous()).decode()) == "there is not enough memory"
 
 
 def played(space: Space) -> dict[str, Any]:
@@ -147,6 +173,11 @@ def test_what_a_page_draws_by_and_what_it_is_refused() -> None:
     assert all(words.startswith(start) for words, start in zip(found["words"], told, strict=True))
 
 
+def run_vertices(folder: Path) -> int:
+    with Run.open(folder) as run:
+        return run.scene.mesh.n_vertices
+
+
 @needs_node
 def test_the_exported_example_runs_in_node(tmp_path: Path) -> None:
     write_run(tmp_path)
@@ -155,3 +186,14 @@ def test_the_exported_example_runs_in_node(tmp_path: Path) -> None:
     done = subprocess.run([str(NODE), "example.mjs"], cwd=folder, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == 5 and "held at" in done.stdout
+    # the same solid elsewhere is pulled as far
+    data, n = bytearray((folder / "model.ldsim").read_bytes()), run_vertices(tmp_path)
+    rest = np.frombuffer(data, "<f8", 3 * n, 256).reshape(-1, 3) + [9.0, 0.0, 0.0]
+    data[256 : 256 + 24 * n] = rest.tobytes()
+    data[24:40] = checksum(bytes(data[40:]))
+    (folder / "model.ldsim").write_bytes(data)
+    moved = subprocess.run([str(NODE), "example.mjs"], cwd=folder, capture_output=True, text=True, timeout=60)
+    first, second = (
+        [re.findall(r"-?\d+\.\d+", line)[1] for line in each.stdout.splitlines()] for each in (done, moved)
+    )
+    np.testing.assert_allclose(np.array(second, float), np.array(first, float) + 9.0, atol=2e-4)
