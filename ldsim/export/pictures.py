@@ -30,7 +30,7 @@ class Codec(NamedTuple):
 class PictureLook(NamedTuple):
     """What may be said of pictures: frames a second, width and height in pixels, azimuth and elevation in degrees.
 
-    A picture has 100 frames a second at most. Left out: at most 25 of a picture, 30 of a video; as high as the solid
+    A picture has 90 frames a second at most. Left out: at most 25 of a picture, 30 of a video; as high as the solid
     needs; its broad side.
     """
 
@@ -40,8 +40,8 @@ class PictureLook(NamedTuple):
 
 
 WEBP_RATE, VIDEO_RATE = 25.0, 30.0
-# Viewers take a shorter pause of a WebP for a mistake, and make a long one of it.
-WEBP_MOST = 100.0
+# Chromium makes 100 ms of a pause of 10 ms or less.
+WEBP_MOST = 90.0
 WEBP_WIDTH, VIDEO_WIDTH = 480, 960
 # Pixels are kept as yuv420p, which every browser plays.
 MP4 = Codec(".mp4", "libx264", ("-crf", "22", "-preset", "veryfast", "-movflags", "+faststart"))

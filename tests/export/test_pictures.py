@@ -59,8 +59,8 @@ def test_a_moving_picture_lasts_as_long_as_the_motion(
             pauses.append(image.info["duration"])
     stride = 1 if fps else int(np.ceil(own / 25))
     shown = len(range(0, 30, stride)) * stride if fps is None else 30
-    assert sum(pauses) == pytest.approx(1000 * shown / own, abs=10 if fps else 0.51)
-    assert min(pauses) >= 10
+    assert sum(pauses) == pytest.approx(1000 * shown / own, abs=12 if fps else 0.51)
+    assert min(pauses) >= 11  # a browser makes 100 ms of 10
 
 
 @pytest.mark.parametrize("size", [(200, 300), (300, 100)])
