@@ -21,9 +21,12 @@ from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
 from ldsim.settings.make import StageFailed, make
 
-# Where V_eff misses poses kept back from its fit by this share of the error that is asked for, the fit is too poor;
-# else what is learned from does not show what the others do.
+# Where V_eff misses poses kept back from its fit by this share of the error that is asked for, it gets more points too.
 POOR = 0.5
+# What is extended, in this order: a decoder that is too small misses poses that it has seen as much as others, and more
+# poses do not mend that (docs/notebook/2026-11-26-coordinates.md); to relax poses of more coordinates takes longest.
+WIDER, OWN_RUNS, COORDINATES = "train.hidden", "train.condensed.rounds", "train.r"
+ORDER = (WIDER, OWN_RUNS, COORDINATES)
 # A few pulls are judged, and many are stated: the worst of thirty is some 97th percentile, and what is stated of 95 %,
 # the second worst of 93, some 98th. So rounds go on, as long as there is time, until the few hold this share of the
 # error that is asked for.
@@ -53,12 +56,11 @@ class Enriched:
     ) -> None:
         self._given, self._runs, self._asked, self._make = config, runs, asked, make
         errors = [math.inf if each.error is None else each.error for each in earlier]
+        # a call that was not interrupted: its last round is evaluated again, or the best one, to which it went back
         ended = len(earlier) > 0 and not earlier[-1].changed
-        # where the last round was the best, what changes next is as open as it was then; else what was tried from the
-        # best one did not help
-        self._went_back = ended and errors[-1] > min(errors)
-        self.repeats = ended and not self._went_back
+        self.repeats = ended and errors[-1] == min(errors)
         self._errors = errors[:-1] if self.repeats else errors
+        self._changed = next((each.changed for each in reversed(earlier) if each.changed), "")
         self._best, self.least, self._at_best = load_settings(current(config)), math.inf, True
         with self._run(self._best) as run:
             if errors and _kept(run).exists():  # a call before was interrupted, and had come so far
@@ -89,11 +91,10 @@ class Enriched:
         with self._run(settings) as run:
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
-        changed, words = extended(settings, r, poor_fit and not self._went_back, helped)
-        self._went_back = False
+        changed, words = extended(settings, r, poor_fit, self._changed.partition(" ")[0], helped)
         if words:
             write_enriched(self._given, changed)
-            self._at_best = False
+            self._at_best, self._changed = False, words
         return words
 
     def take_best(self) -> float:
@@ -157,29 +158,32 @@ def _kept(run: Run, suffix: str = "h5") -> Path:
     return run.folder / f"model.best.{suffix}"
 
 
-def extended(settings: Settings, r: int, poor_fit: bool, helped: bool) -> tuple[Settings, str]:
-    """A condensed space that learns more, and what is different; no words where nothing is left to change.
+def extended(settings: Settings, r: int, poor_fit: bool, last: str, helped: bool) -> tuple[Settings, str]:
+    """A condensed space that can do more, and what is different; no words where nothing is left to change.
 
     Args:
         r: the coordinates that it has.
-        poor_fit: whether it misses what it was fitted to, which more poses would not mend.
-        helped: whether what was changed last made the error smaller, or nothing was changed yet.
+        poor_fit: whether V_eff misses poses that it was not fitted to.
+        last: which of `ORDER` was changed last; empty where none was.
+        helped: whether that made the error smaller.
     """
+    first = min(ORDER.index(last) + (not helped), len(ORDER) - 1) if last in ORDER else 0
     train = settings.train
     condensed, widest = train.condensed, max(train.hidden)
-    if poor_fit and widest < WIDEST:
-        hidden = tuple(min(2 * width, WIDEST) for width in train.hidden)
-        counts = {"features": 2 * condensed.features, "points": 2 * condensed.points}
-        train = train.replace(hidden=hidden, condensed=condensed.replace(**counts))
-        words = f"train.hidden {list(hidden)}, " + ", ".join(f"condensed.{name} {n}" for name, n in counts.items())
-    elif helped:
-        train = train.replace(condensed=condensed.replace(rounds=condensed.rounds + MORE))
-        words = f"train.condensed.rounds {condensed.rounds + MORE}"
-    elif (more := min(r + FURTHER, MOST, settings.pca.k or MOST)) > r:
-        train, words = train.replace(r=more), f"train.r {more}"
-    else:
-        return settings, ""
-    return settings.replace(train=train), words
+    for what in ORDER[first:]:
+        if what == WIDER and widest < WIDEST:
+            wider = {"hidden": tuple(min(2 * width, WIDEST) for width in train.hidden)}
+            counts = {"features": 2 * condensed.features, "points": 2 * condensed.points} if poor_fit else {}
+            words = ", ".join(
+                [f"{WIDER} {list(wider['hidden'])}", *(f"condensed.{name} {n}" for name, n in counts.items())]
+            )
+            return settings.replace(train=train.replace(**wider, condensed=condensed.replace(**counts))), words
+        if what == OWN_RUNS:
+            more = condensed.rounds + MORE
+            return settings.replace(train=train.replace(condensed=condensed.replace(rounds=more))), f"{what} {more}"
+        if what == COORDINATES and (more := min(r + FURTHER, MOST, settings.pca.k or MOST)) > r:
+            return settings.replace(train=train.replace(r=more)), f"{what} {more}"
+    return settings, ""
 
 
 def current(config: Path) -> Path:

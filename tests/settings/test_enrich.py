@@ -83,31 +83,39 @@ def test_a_model_that_is_lost_is_extended_and_said_to_be_lost() -> None:
     )
 
 
-def test_more_poses_where_it_fits_and_wider_layers_where_it_does_not() -> None:
+def test_wider_layers_come_first_and_then_more_of_its_own_runs() -> None:
     settings = settings_of(CONTENT, "a test")
-    more, words = extended(settings, 10, poor_fit=False, helped=True)
-    assert more.train == settings.train.replace(condensed=settings.train.condensed.replace(rounds=3))
+    wider, words = extended(settings, 10, poor_fit=False, last="", helped=True)
+    assert wider.train == settings.train.replace(hidden=(64, 128)) and words == "train.hidden [64, 128]"
+    more, words = extended(wider, 10, poor_fit=False, last="train.hidden", helped=True)
+    assert more.train == wider.train.replace(condensed=settings.train.condensed.replace(rounds=3))
     assert words == "train.condensed.rounds 3"
-    wider, words = extended(settings, 10, poor_fit=True, helped=True)
+    for helped in (True, False):  # as often as it helps
+        again = extended(more, 10, poor_fit=False, last="train.condensed.rounds", helped=helped)[1]
+        assert again == ("train.condensed.rounds 5" if helped else "train.r 14")
+
+
+def test_a_potential_that_misses_poses_gets_more_points_with_the_wider_layers() -> None:
+    wider, words = extended(settings_of(CONTENT, "a test"), 10, poor_fit=True, last="", helped=True)
     assert (wider.train.hidden, wider.train.condensed.points, wider.train.condensed.features) == ((64, 128), 40, 12)
-    assert "train.hidden [64, 128]" in words
-    widest, words = extended(wider, 10, poor_fit=True, helped=True)
-    assert widest.train.condensed.rounds == 3 and words == "train.condensed.rounds 3"
+    assert words == "train.hidden [64, 128], condensed.features 12, condensed.points 40"
 
 
-def test_more_coordinates_where_more_poses_did_not_help_as_long_as_there_are_any() -> None:
+def test_what_did_not_help_is_not_tried_again_and_coordinates_come_last() -> None:
     settings = settings_of(CONTENT, "a test")
-    more, words = extended(settings, 10, poor_fit=False, helped=False)
+    assert extended(settings, 10, False, "train.hidden", helped=False)[1] == "train.condensed.rounds 3"
+    more, words = extended(settings, 10, False, "train.condensed.rounds", helped=False)
     assert more.train == settings.train.replace(r=14) and words == "train.r 14"
-    assert extended(settings, 22, poor_fit=False, helped=False)[1] == f"train.r {MOST}"
-    assert extended(settings, MOST, poor_fit=False, helped=False) == (settings, "")
+    assert extended(settings, 22, False, "train.r", helped=True)[1] == f"train.r {MOST}"
+    assert extended(settings, MOST, False, "train.r", helped=True) == (settings, "")
+    assert extended(settings, 14, False, "train.r", helped=False)[1] == "train.r 18"
 
 
 def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_path: Path) -> None:
     config = tmp_path / "part.yaml"
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
     assert current(config) == config
-    more, _ = extended(load_settings(config), 10, poor_fit=False, helped=True)
+    more, _ = extended(load_settings(config), 10, poor_fit=False, last="", helped=True)
     place = write_enriched(config, more)
     assert place == tmp_path / "part.enriched.yaml" == current(config)
     assert load_settings(place) == more
@@ -158,7 +166,7 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
 ) -> None:
     made, told = enriched(tmp_path, monkeypatch, [0.3, 0.02])
     assert made == ["part.yaml", "part.enriched.yaml"]
-    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert load_settings(current(tmp_path / "part.yaml")).train.hidden == (64, 128)
     run = tmp_path / "runs" / "part"
     assert [each.error for each in read_rounds(run)] == [0.3, 0.02]
     assert told[0].startswith(
@@ -172,16 +180,22 @@ def test_few_pulls_have_to_hold_the_error_with_a_margin(tmp_path: Path, monkeypa
     assert len(enriched(tmp_path, monkeypatch, [0.045, 0.039])[0]) == 2
 
 
-def test_where_more_poses_did_not_help_coordinates_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_wider_layers_did_not_help_it_learns_from_more_of_its_own_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, told = enriched(tmp_path, monkeypatch, [0.3, 0.28, 0.02])
-    assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 3", "train.r 14", ""]
+    assert [line.partition("next: ")[2] for line in told] == [
+        "train.hidden [64, 128]",
+        "train.condensed.rounds 3",
+        "",
+    ]
 
 
 def test_the_round_that_was_least_off_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made, _ = enriched(tmp_path, monkeypatch, [0.3, 0.045, 0.1], minutes=1.0, seconds=19.0)
     assert len(made) == 3
-    assert (tmp_path / "runs" / "part" / "model.h5").read_text("utf-8") == "the model of 3 rounds"
-    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert (tmp_path / "runs" / "part" / "model.h5").read_text("utf-8") == "128 wide, 1 rounds"
+    assert load_settings(current(tmp_path / "part.yaml")).train.hidden == (64, 128)
 
 
 def test_a_call_again_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,7 +213,7 @@ def test_a_call_again_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypat
 def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
-    assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 5", ""]
+    assert [line.partition("next: ")[2] for line in told] == ["train.condensed.rounds 3", ""]
     assert [(each.error, each.seconds) for each in read_rounds(tmp_path / "runs" / "part")] == [
         (0.3, 29.0),
         (0.1, 29.0),
@@ -211,14 +225,16 @@ def test_wider_layers_that_did_not_help_are_not_tried_again(tmp_path: Path, monk
     monkeypatch.setattr(MadeRun, "missed", 0.1)
     _, first = enriched(tmp_path, monkeypatch, [0.1, 0.2], minutes=1.0, seconds=29.0)
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
-    assert "train.hidden" in first[0] and told[0].endswith("next: train.r 14")
+    assert "train.hidden" in first[0] and told[0].endswith("next: train.condensed.rounds 3")
 
 
 def test_a_call_after_an_interrupted_one_knows_what_its_round_was_compared_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
-    write_rounds(tmp_path / "runs" / "part", [Round(error=0.3, pulls=2, seconds=1.0, changed="more")])
+    write_rounds(
+        tmp_path / "runs" / "part", [Round(error=0.3, pulls=2, seconds=1.0, changed="train.condensed.rounds 3")]
+    )
     _, told = enriched(tmp_path, monkeypatch, [0.29, 0.03])
     assert told[0].startswith("round 2: off by up to 29 %") and told[0].endswith("next: train.r 14")
 
@@ -234,8 +250,8 @@ def test_what_an_interrupted_call_had_come_to_is_taken_where_nothing_after_it_is
         enriched(tmp_path, monkeypatch, [0.3, 0.08, Interrupted()])
     enriched(tmp_path, monkeypatch, [0.2], minutes=0.0, seconds=1.0)
     run = tmp_path / "runs" / "part"
-    assert (run / "model.h5").read_text("utf-8") == "the model of 3 rounds"
-    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert (run / "model.h5").read_text("utf-8") == "128 wide, 1 rounds"
+    assert load_settings(current(tmp_path / "part.yaml")).train.hidden == (64, 128)
     assert not list(run.glob("model.best.*"))
 
 
@@ -245,8 +261,8 @@ def test_a_stage_that_fails_in_a_later_round_costs_no_round_before_it(
     _, told = enriched(tmp_path, monkeypatch, [0.3, 0.1, StageFailed("train", 1)])
     assert told[-1] == "round 3: train ended with status 1; the best round before it is taken"
     run = tmp_path / "runs" / "part"
-    assert (run / "model.h5").read_text("utf-8") == "the model of 3 rounds"
-    assert load_settings(current(tmp_path / "part.yaml")).train.condensed.rounds == 3
+    assert (run / "model.h5").read_text("utf-8") == "128 wide, 1 rounds"
+    assert load_settings(current(tmp_path / "part.yaml")).train.hidden == (64, 128)
     assert [each.error for each in read_rounds(run)] == [0.3, 0.1, None]
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
     assert told[0].endswith("next: train.r 14")
@@ -263,7 +279,7 @@ def test_rounds_of_another_configuration_are_forgotten(tmp_path: Path, monkeypat
     enriched(tmp_path, monkeypatch, [0.3, 0.1, 0.2], minutes=1.0, seconds=19.0)
     (tmp_path / "part.enriched.yaml").unlink()
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
-    assert told[0].startswith("round 1:") and told[0].endswith("next: train.condensed.rounds 3")
+    assert told[0].startswith("round 1:") and told[0].endswith("next: train.hidden [64, 128]")
 
 
 def enriched(
@@ -286,8 +302,8 @@ def enriched(
         made.append(file.name)
         if isinstance(left[0], Exception):
             raise left[0]
-        text = f"the model of {load_settings(file).train.condensed.rounds} rounds"
-        (run / "model.h5").write_text(text, encoding="utf-8")
+        train = load_settings(file).train
+        (run / "model.h5").write_text(f"{train.hidden[1]} wide, {train.condensed.rounds} rounds", encoding="utf-8")
 
     left = list(errors)
     monkeypatch.setattr("ldsim.settings.enrich.make", make)
