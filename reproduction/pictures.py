@@ -86,7 +86,7 @@ def film(runs: Path) -> None:
             movements.append(Movement(title, positions, pulls))
         view = look_at_broadside(rest, np.concatenate([each.positions for each in movements]))
         pictures = moving_pictures(movements, surface_triangles(run.scene.mesh), view, FILM_WIDTH)
-        keep("demo.webp", webp(list(pictures), round(1000 * SLOWER * h * frames.step)), [DEMO])
+        keep("demo.webp", webp(list(pictures), SLOWER * h * frames.step), [DEMO])
         cells = run.scene.mesh.n_cells
     error = _entry(report, space, motion)["online_error"]["relative"]
     rows = [

@@ -15,8 +15,7 @@ from ldsim.errors import ExportError
 from ldsim.export.playback import Playback
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at, look_at_broadside, upright
-from ldsim.report.drawing import Movement, Picture, fitted, moving_pictures, on_white
-from ldsim.report.pictures import animation
+from ldsim.report.drawing import Movement, Picture, fitted, moving_pictures, on_white, webp
 
 
 class Codec(NamedTuple):
@@ -53,7 +52,7 @@ def write_webp(playback: Playback, path: Path, look: PictureLook = PictureLook()
     shown, rate = shown_frames(playback, look.fps, WEBP_RATE)
     if rate > WEBP_MOST:
         shown, rate = shown_frames(playback, WEBP_MOST, WEBP_RATE)
-    path.write_bytes(animation(list(_pictures(playback, shown, look, WEBP_WIDTH)), 1 / rate))
+    path.write_bytes(webp(list(_pictures(playback, shown, look, WEBP_WIDTH)), 1 / rate))
 
 
 def shown_frames(playback: Playback, fps: float | None, most: float) -> tuple[list[int], float]:

@@ -143,12 +143,15 @@ def moving_pictures(motions: Sequence[Movement], triangles: Triangles, view: Vie
         yield side_by_side([motion.pose(frame) for motion in motions], triangles, view, limits, width, most)
 
 
-def webp(pictures: list[Image.Image], milliseconds: int) -> bytes:
-    """An endless animation of pictures of one size, each shown for as many milliseconds."""
+def webp(pictures: list[Image.Image], seconds: float) -> bytes:
+    """An endless animation of pictures of one size, each shown for so many seconds.
+
+    The file has whole milliseconds: their rounding is carried on, so that the whole lasts as long as it should.
+    """
+    ends = np.round(1000 * seconds * np.arange(len(pictures) + 1)).astype(int)
+    options = {"save_all": True, "append_images": pictures[1:], "loop": 0, "quality": 60, "method": 3}
     buffer = BytesIO()
-    pictures[0].save(
-        buffer, "WEBP", save_all=True, append_images=pictures[1:], duration=milliseconds, loop=0, quality=60, method=3
-    )
+    pictures[0].save(buffer, "WEBP", duration=np.diff(ends).tolist(), **options)
     return buffer.getvalue()
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 
 import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
-from ldsim.report import drawing
 from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import Movement, Pull, moving_pictures
+from ldsim.report.drawing import Movement, Pull, moving_pictures, webp
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.run import Run
@@ -35,18 +32,6 @@ class Picture:
     file: str
     caption: str
     data: bytes
-
-
-def animation(pictures: Sequence[drawing.Picture], pause: float) -> bytes:
-    """An endless WebP of pictures of one size, each shown for so many seconds.
-
-    The file has whole milliseconds: their rounding is carried on, so that the whole lasts as long as it should.
-    """
-    ends = np.round(1000 * pause * np.arange(len(pictures) + 1)).astype(int)
-    buffer, first, rest = BytesIO(), pictures[0], list(pictures[1:])
-    options = {"save_all": True, "append_images": rest, "loop": 0, "quality": 60, "method": 3}
-    first.save(buffer, "WEBP", duration=np.diff(ends).tolist(), **options)
-    return buffer.getvalue()
 
 
 def moving_picture(run: Run) -> Picture | None:
@@ -76,7 +61,7 @@ def moving_picture(run: Run) -> Picture | None:
     view = look_at_broadside(rest, np.concatenate([each.positions for each in sequences]))
     pause = float(frames[1] - frames[0]) * h
     pictures = moving_pictures(sequences, surface_triangles(run.scene.mesh), view, ANIMATION_WIDTH)
-    data = animation(list(pictures), pause)
+    data = webp(list(pictures), pause)
     if len(data) > ANIMATION_BYTES:
         return None
     caption = (  # frame i is the state at (i + 1) h

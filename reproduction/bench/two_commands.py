@@ -161,7 +161,7 @@ def film(folder: Path, lines: Sequence[Line]) -> bytes:
     pictures += pictures[-1:] * round(HOLD_S / FRAME_S)
     pages = [Image.open(folder / f"frame_{i:02d}.png") for i in range(FRAMES)]
     pictures += [page.convert("RGB").resize(FILM, Image.Resampling.LANCZOS) for page in pages]
-    return webp(pictures, round(1000 * FRAME_S))
+    return webp(pictures, FRAME_S)
 
 
 def _screen(folder: Path, lines: Sequence[Line], second: float) -> Picture:

@@ -134,7 +134,7 @@ def test_colours_show_the_distance_to_the_first():
 def test_an_animation_moves_in_real_time_and_holds_its_frames():
     vertices, triangles = cube()
     motion = np.stack([vertices + [0.1 * i, 0, 0] for i in (2, 5, 8)])
-    data = webp(list(moving_pictures([Movement("run", motion)], triangles, look_at(motion), 120)), 300)
+    data = webp(list(moving_pictures([Movement("run", motion)], triangles, look_at(motion), 120)), 0.3)
     image = Image.open(BytesIO(data))
     assert image.format == "WEBP" and image.n_frames == 3
     image.load()
@@ -142,6 +142,13 @@ def test_an_animation_moves_in_real_time_and_holds_its_frames():
     first = np.asarray(image.convert("RGBA")).astype(int)
     image.seek(2)
     assert np.abs(np.asarray(image.convert("RGBA")).astype(int) - first).max() > 50
+
+
+def test_an_animation_lasts_as_long_as_its_pictures_however_long_one_is():
+    drawn = [Image.new("RGBA", (8, 8), (20 * i, 0, 0, 255)) for i in range(12)]
+    with Image.open(BytesIO(webp(drawn, 0.0125))) as image:
+        shown = [image.seek(frame) or image.load() and image.info["duration"] for frame in range(12)]
+    assert sum(shown) == 150 and set(shown) == {12, 13}
 
 
 def test_a_large_surface_is_painted_whole():
