@@ -11,6 +11,7 @@ import hashlib
 import math
 import os
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -35,6 +36,8 @@ MARGIN = 0.8
 MORE, FURTHER, MOST, WIDEST = 2, 4, 24, 128
 # More of the same is not asked for where the last turn left more than this share of the error.
 HELPED = 0.9
+# The last stage before a round.
+BEFORE = "pca"
 # What the stage train is told, so that poses that are relaxed stay for the next round.
 KEEP = {"train": ["--keep"]}
 
@@ -125,15 +128,17 @@ def enrich(
         say: told of each stage that runs, and a line of each round.
 
     Raises:
-        StageFailed: a stage of the first round ended with an error, which it has told.
+        StageFailed: a stage before the first round or in it ended with an error, which it has told.
         SettingsError: no motion has the role validation.
     """
     if percent is None:
         return []
-    asked, seconds = percent / 100, math.inf if minutes is None else 60 * minutes
+    begun, asked, seconds = time.monotonic(), percent / 100, math.inf if minutes is None else 60 * minutes
     few = MARGIN * asked
     folder = runs / load_settings(config).experiment
     rounds = read_rounds(folder) if current(config) != config else []
+    make(current(config), runs, BEFORE, say)  # no round does this again, so what rounds take is without it
+    seconds -= time.monotonic() - begun
     surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
     try:
         for each in improved(surrogate, few, seconds):
