@@ -187,7 +187,7 @@ def _exported(tab: Tab, run: Path) -> None:
         write_playground(opened, LIVE)
     note(LIVE.name, [DEMO])
     tab.open(LIVE.as_uri())
-    tab.wait("window.ldsim && ldsim.source.seconds > 0")
+    tab.wait(f"{READY} && ldsim.source.seconds > 0")
     _pull(tab, (50, -70))
     keep("playground.webp", _picture(tab, "playground.webp"), [DEMO, *PLAYGROUND])
     tab.mouse("mouseReleased", (0, 0))
