@@ -101,9 +101,12 @@ class Enriched:
         return words
 
     def take_best(self) -> float:
-        """Go back to the round that was least off, where a later one was not; returns its error."""
+        """Go back to the round that was least off, where a later one was not; returns its error.
+
+        Where all were lost the last one stays.
+        """
         with self._run(self._best) as run:
-            if not self._at_best:
+            if not self._at_best and self.least < math.inf:
                 os.replace(_kept(run), run.path("model"))
                 write_enriched(self._given, self._best)
             for kept in (_kept(run), _kept(run, "yaml")):

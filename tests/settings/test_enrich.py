@@ -249,6 +249,13 @@ def test_a_call_after_an_interrupted_one_knows_what_its_round_was_compared_with(
     assert told[0].startswith("round 2: off by up to 29 %") and told[0].endswith("next: train.r 14")
 
 
+def test_where_all_rounds_are_lost_the_last_one_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [math.inf, math.inf], minutes=1.0, seconds=29.0)
+    run = tmp_path / "runs" / "part"
+    assert [each.error for each in read_rounds(run)] == [None, None]
+    assert (run / "model.h5").read_text("utf-8") == "128 wide, 1 rounds"
+
+
 class Interrupted(Exception):
     """What ends a call in the middle of a round."""
 
