@@ -114,10 +114,13 @@ class Run:
         Raises:
             ArtefactError: naming the file, what was found, what was expected, and what to do.
         """
+        # of the files as they are now: what replaces one of them later is not what a stage has read
         for kind in kinds:
-            self.hash(
-                kind
-            )  # of the file as it is now: what is made of it is not to be told of one that replaces it later
+            self.hash(kind)
+        self._check(*kinds)
+
+    def _check(self, *kinds: str) -> None:
+        for kind in kinds:
             header, path = self.header(kind), self.path(kind)
             experiment = header.notes.get("experiment")
             if experiment != self.experiment:
@@ -170,7 +173,7 @@ class Run:
     def _opened(self, kind: str) -> Snapshots:
         if kind not in self._open:
             self._open[kind] = Snapshots(self.path(kind), self.scene.mesh.n_vertices, kind)
-            self.require(kind, "scene")
+            self._check(kind, "scene")
         return self._open[kind]
 
     def recorded(self, motion: str) -> Recorded:
@@ -315,7 +318,7 @@ class Run:
         if kind not in self._read:
             self._read[kind] = read(self.path(kind))
             try:
-                self.require(kind, *inputs)
+                self._check(kind, *inputs)
             except ArtefactError:
                 del self._read[kind]
                 raise

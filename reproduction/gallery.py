@@ -23,9 +23,8 @@ from ldsim.report.camera import limits_of, look_at_broadside, upright
 from ldsim.report.drawing import DrawnPose, Picture, Pull, side_by_side
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
-from ldsim.settings.make import Staleness
 from reproduction.bench.examples import lacking
-from reproduction.harness import CONFIGS
+from reproduction.harness import CONFIGS, is_stale
 
 WIDTH = 720
 
@@ -51,11 +50,12 @@ def pictures(runs: Path) -> Iterator[tuple[Path, bytes]]:
     """
     for config in sorted(CONFIGS.glob("*.yaml")):
         settings = load_settings(config)
+        reason = lacking(config)
         with Run(runs / config.stem, settings.experiment) as run:
-            there = not Staleness(run, settings, config.parent).reasons("snapshot")
+            there = reason is None and not is_stale(run, settings, "snapshot", config.parent)
         if there:
             frames = _recorded(runs / config.stem, settings)
-        elif (reason := lacking(config)) is None:
+        elif reason is None:
             frames = _stepped(settings)
         else:
             print(f"{config.stem} keeps the picture that it has: {reason}")

@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.cli.stage import Bars
+from ldsim.errors import ArtefactError
 from ldsim.jit import one_thread
 from ldsim.pipeline.cubature import cubature
 from ldsim.pipeline.files import file_sums
@@ -121,9 +123,19 @@ def finished(folder: Path, settings: Settings, stages: Sequence[str], base: Path
     """
     with Run(folder, settings.experiment) as run:
         for stage in stages:
-            if Staleness(run, settings, base).reasons(stage):
+            if is_stale(run, settings, stage, base):
                 FUNCTIONS[stage](run, settings, Bars(), base)
     return folder
+
+
+def is_stale(run: Run, settings: Settings, stage: str, base: Path) -> bool:
+    """Whether a stage has to run; also where what it wrote is damaged, or of another version of ldsim."""
+    try:
+        return bool(Staleness(run, settings, base).reasons(stage))
+    except UnreadableError:
+        raise
+    except ArtefactError:
+        return True
 
 
 def linked(source: Path, folder: Path, kinds: Sequence[str]) -> Path:

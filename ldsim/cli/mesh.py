@@ -9,7 +9,7 @@ from ldsim.cli.stage import Call, stage_command
 from ldsim.errors import ArtefactError
 from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.solid import solid_lines
-from ldsim.settings.make import Staleness
+from ldsim.settings.make import FILES, Staleness
 
 
 @stage_command("mesh", "Read or make the mesh and write the scene.")
@@ -31,7 +31,9 @@ def command(call: Call) -> None:
 def _up_to_date(call: Call) -> bool:
     """Whether the scene may stay: all that was made of it knows it by its hash, which says when it was written too."""
     try:
-        return not Staleness(call.run, call.settings, call.base).reasons("mesh")
+        # a scene of an earlier version does not say which files it was made from
+        known = not call.settings.mesh.input_files or FILES in call.run.header("scene").notes
+        return known and not Staleness(call.run, call.settings, call.base).reasons("mesh")
     except UnreadableError:
         raise
     except ArtefactError:  # it is damaged, and made anew

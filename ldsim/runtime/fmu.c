@@ -370,12 +370,16 @@ static void unescape(char *path)
     *to = 0;
 }
 
-/* The path in a URI, in place: after file: there may be a host, which is this machine. */
+/* The path in a URI, in place: after file: there may be a host, which is this machine, or on Windows that of a share. */
 static char *path_in(char *uri)
 {
     unescape(uri);
     char *path = strncmp(uri, "file:", 5) ? uri : uri + 5;
-    if (path != uri && strncmp(path, "//", 2) == 0) path = strchr(path + 2, '/') ? strchr(path + 2, '/') : path;
+    char *after = path != uri && strncmp(path, "//", 2) == 0 ? strchr(path + 2, '/') : NULL;
+#ifdef _WIN32
+    if (after && after != path + 2 && strncmp(path, "//localhost/", 12)) return path;
+#endif
+    if (after) path = after;
 #ifdef _WIN32
     if (path[0] == '/' && path[1] && path[2] == ':') path++;
 #endif

@@ -94,7 +94,10 @@ class Enriched:
         with self._run(settings) as run:
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
-        changed, words = extended(settings, r, poor_fit, self._changed.partition(" ")[0], helped)
+        last, _, to = self._changed.partition(" ")
+        # the best round, to which a call went back, has fewer coordinates than were tried
+        r = max(r, int(to)) if last == COORDINATES else r
+        changed, words = extended(settings, r, poor_fit, last, helped)
         if words:
             write_enriched(self._given, changed)
             self._at_best, self._changed = False, words
@@ -170,7 +173,7 @@ def extended(settings: Settings, r: int, poor_fit: bool, last: str, helped: bool
     """A condensed space that can do more, and what is different; no words where nothing is left to change.
 
     Args:
-        r: the coordinates that it has.
+        r: the coordinates that it has, or the most that were tried.
         poor_fit: whether V_eff misses poses that it was not fitted to.
         last: which of `ORDER` was changed last; empty where none was.
         helped: whether that made the error smaller.

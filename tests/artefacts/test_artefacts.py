@@ -18,6 +18,7 @@ from ldsim.artefacts import atomic, partial, store
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
 from ldsim.artefacts.sealed_file import UnreadableError, datasets
 from ldsim.artefacts.store import Header, file_hash
+from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import ArtefactError
 from ldsim.mechanics.motion import Motion
 from ldsim.run import Run
@@ -312,6 +313,14 @@ def test_a_checkpoint_that_may_not_be_read_costs_no_frames(tmp_path: Path, monke
     with pytest.raises(UnreadableError):
         motion.read_checkpoint("this", 24)
     assert (tmp_path / "m.frames").stat().st_size == 24
+
+
+def test_a_training_that_may_not_be_read_is_not_begun_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = TrainingStore(tmp_path, "r4", "this")
+    store.save({"mean": np.zeros(2)})
+    monkeypatch.setattr("ldsim.artefacts.sealed_file.check_seal", refusing)
+    with pytest.raises(UnreadableError):
+        store.load()
 
 
 def test_an_artefact_is_on_the_disk_before_it_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.artefacts.store import file_hash
 from ldsim.pipeline import mesh as meshing
 from ldsim.pipeline import snapshot as stage
@@ -64,3 +65,18 @@ def test_more_workers_make_no_other_snapshots(run: Run, tmp_path: Path) -> None:
     snapshot(run, motions(workers=3), base=tmp_path).close()
     assert run.path("snapshots").read_bytes() == before
     assert motions(workers=3).learned.dump() == motions().learned.dump(), "what `ldsim make` compares"
+
+
+def test_snapshots_that_may_not_be_read_are_not_made_anew(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    snapshot(run, motions(), base=tmp_path).close()
+    before = run.path("snapshots").read_bytes()
+
+    def refused(*_: Any) -> None:
+        raise UnreadableError("snapshots.h5 cannot be read: Permission denied")
+
+    monkeypatch.setattr(stage, "Snapshots", refused)
+    with pytest.raises(UnreadableError):
+        snapshot(run, motions(), base=tmp_path)
+    assert run.path("snapshots").read_bytes() == before

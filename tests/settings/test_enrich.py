@@ -215,9 +215,16 @@ def test_a_call_again_goes_on_where_the_last_one_ended(tmp_path: Path, monkeypat
     assert (run / "model.partial").is_dir()
     _, told = enriched(tmp_path, monkeypatch, [0.1, 0.12, 0.03])
     assert told[0].startswith("round 4: off by up to 10 %")
-    assert [line.partition("next: ")[2] for line in told] == ["train.r 14", "train.r 14", ""]
+    assert [line.partition("next: ")[2] for line in told] == ["train.r 14", "train.r 18", ""]
     assert [each.error for each in read_rounds(run)] == [0.3, 0.1, 0.2, 0.1, 0.12, 0.03]
     assert not (run / "model.partial").exists()
+
+
+def test_coordinates_that_did_not_help_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [0.1, 0.2, 0.3, 0.4], minutes=1.0, seconds=14.0)
+    assert [each.changed for each in read_rounds(tmp_path / "runs" / "part")][-2:] == ["train.r 14", ""]
+    _, told = enriched(tmp_path, monkeypatch, [0.1, 0.03])
+    assert told[0].endswith("next: train.r 18")
 
 
 def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
