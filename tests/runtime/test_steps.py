@@ -16,7 +16,8 @@ from reproduction.bench.follower import Follower
 from tests.runtime.problems import SPACES, loads
 
 FRAMES = 1000
-TIGHT = ReducedOptions(tolerance=1e-8)
+# Of a linear solid what one iteration leaves is rounding, on some processors 1e-8.
+TIGHT = ReducedOptions(tolerance=4e-8)
 
 
 def both(library: Library, space: Space, options: ReducedOptions) -> tuple[Array, Array, Array]:
