@@ -30,7 +30,7 @@ from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.errors import ArtefactError, SolverError
+from ldsim.errors import ArtefactError, LdsimError, SolverError
 from ldsim.mechanics.scene import Scene
 from ldsim.options import Options
 from ldsim.space.basis import Basis
@@ -319,7 +319,7 @@ class Run:
             self._read[kind] = read(self.path(kind))
             try:
                 self._check(kind, *inputs)
-            except ArtefactError:
+            except LdsimError:
                 del self._read[kind]
                 raise
         found: Content = self._read[kind][0]

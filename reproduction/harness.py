@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from ldsim.artefacts.atomic import replacing
-from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.cli.stage import Bars
 from ldsim.errors import ArtefactError
 from ldsim.jit import one_thread
@@ -132,8 +131,6 @@ def is_stale(run: Run, settings: Settings, stage: str, base: Path) -> bool:
     """Whether a stage has to run; also where what it wrote is damaged, or of another version of ldsim."""
     try:
         return bool(Staleness(run, settings, base).reasons(stage))
-    except UnreadableError:
-        raise
     except ArtefactError:
         return True
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.atomic import creating, replacing, writing
-from ldsim.artefacts.sealed_file import UnreadableError, opened
+from ldsim.artefacts.sealed_file import opened
 from ldsim.artefacts.snapshots import CHUNK_BYTES, STATISTICS, Snapshots, motion_arrays
 from ldsim.artefacts.store import Header, check_datasets, write_header
 from ldsim.errors import ArtefactError
@@ -150,8 +150,6 @@ class MotionStore:
                 held = {int(drag): data[:] for drag, data in file["held"].items()} if "held" in file else {}
                 statistics = {name: data[:] for name, data in file["statistics"].items()}
                 checkpoint = Checkpoint(identity, state, held, statistics, file["seconds"][:])
-        except UnreadableError:
-            raise
         except (OSError, ArtefactError):
             return None
         expected = checkpoint.frames * frame_bytes

@@ -29,8 +29,8 @@ FAULTS = (OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeE
 REFUSALS = (errno.EACCES, errno.EPERM, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ESTALE)
 
 
-class UnreadableError(ArtefactError):
-    """A file that may be whole, but that the system does not let be read."""
+class UnreadableError(LdsimError):
+    """A file that may be whole, but that the system does not let be read: who makes anew what is damaged lets it be."""
 
 
 def seal(stream: io.FileIO) -> None:
@@ -80,7 +80,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
         with h5py.File(path, "r") as file:
             datasets(file)
             yield file
-    except (BrokenPipeError, ArtefactError):  # the first: whoever reads our output left, which is not the file's fault
+    except (BrokenPipeError, ArtefactError, UnreadableError):
+        # a pipe breaks where whoever reads our output has left, which is not the file's fault
         raise
     except FAULTS as error:
         if isinstance(error, OSError) and error.errno in REFUSALS:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.artefacts.atomic import creating
-from ldsim.artefacts.sealed_file import UnreadableError, check_size, datasets, opened
+from ldsim.artefacts.sealed_file import check_size, datasets, opened
 from ldsim.errors import ArtefactError
 
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -37,8 +37,6 @@ class TrainingStore:
                     check_size(data)
                 found = {name: np.asarray(data[()]) for name, data in datasets(file).items()}
                 return found if file.attrs["contents"] == _contents(found) else None
-        except UnreadableError:
-            raise
         except (OSError, ArtefactError):
             return None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import click
 
-from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.cli.stage import Call, stage_command
 from ldsim.errors import ArtefactError
 from ldsim.pipeline.mesh import mesh
@@ -34,7 +33,5 @@ def _up_to_date(call: Call) -> bool:
         # a scene of an earlier version does not say which files it was made from
         known = not call.settings.mesh.input_files or FILES in call.run.header("scene").notes
         return known and not Staleness(call.run, call.settings, call.base).reasons("mesh")
-    except UnreadableError:
-        raise
     except ArtefactError:  # it is damaged, and made anew
         return False

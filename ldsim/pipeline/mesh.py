@@ -10,7 +10,6 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.artefacts.records import read_scene, write_scene
-from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.artefacts.store import file_hash
 from ldsim.errors import ArtefactError, SettingsError
 from ldsim.mechanics.dead_loads import load_force
@@ -98,8 +97,6 @@ def _kept(path: Path, identity: str) -> Tets | None:
     """The mesh of a scene.h5 with its notes, if it was made from the same."""
     try:
         scene, header = read_scene(path)
-    except UnreadableError:
-        raise
     except ArtefactError:
         return None
     if header.notes.get(IDENTITY) != identity:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ldsim.artefacts.partial import MotionStore, Stored, StoredBefore, write_snapshots
-from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.linear_choice import choose
 from ldsim.errors import ArtefactError
@@ -87,8 +86,6 @@ def _there(run: Run, kind: str, stack: ExitStack) -> Snapshots | None:
     """What an earlier call has written; None where there is nothing, or nothing readable."""
     try:
         return stack.enter_context(Snapshots(run.path(kind), run.scene.mesh.n_vertices, kind))
-    except UnreadableError:
-        raise
     except ArtefactError:
         return None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ldsim.artefacts.partial import Lease
@@ -40,15 +40,7 @@ def motions(**others: object) -> SnapshotOptions:
     return SnapshotOptions.model_validate({"motions": [{"name": "still", "recording": RECORDING}], **others})
 
 
-def run_here(
-    scene_path: Path,
-    folder: Path,
-    motions: Sequence[Motion],
-    options: FullOptions,
-    workers: int,
-    progress: Callable[[int, int], None],
-    scheduler: str | None = None,
-) -> None:
+def run_here(scene_path: Path, folder: Path, motions: Sequence[Motion], options: FullOptions, *_: object) -> None:
     """In the place of `run_motions`, in this process."""
     lease = Lease.taken(folder)
     for motion in motions:
