@@ -20,13 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ldsim.arrays import Array, Indices
+from ldsim.arrays import Array, Indices, Numbers
 from ldsim.cubature.rule import CubatureRule
 from ldsim.errors import SolverError
-from ldsim.learn.network import device_of, layers
 from ldsim.learn.optimiser import Soap
 from ldsim.learn.options import TrainOptions
-from ldsim.learn.potential import PotentialNetwork
+from ldsim.learn.potential import Derivatives, PotentialNetwork, Strains
 from ldsim.learn.stress import MATERIAL
 from ldsim.mechanics.materials import material_number
 from ldsim.space.decoder import Decoder
@@ -94,7 +93,7 @@ def fit_condensed(
         watch: told the step, the loss, and the relative force error on the poses kept back, `JUDGED` times.
 
     Raises:
-        SolverError: there are too few samples, the loss is not finite, or the device asked for is not there.
+        SolverError: there are too few samples, or the loss is not finite.
     """
     fit = _Fit(samples, moduli, options)
     losses = []
@@ -109,46 +108,42 @@ def fit_condensed(
 
 
 class _Fit:
-    """SOAP on a warm-up and half a cosine; all in float64, for Hessians lose digits."""
+    """SOAP on a warm-up and half a cosine, in single precision: what a batch leaves out is far more than rounding."""
 
     def __init__(self, samples: CondensedSamples, moduli: tuple[Indices, Array, Array], options: TrainOptions) -> None:
         count, r = samples.z.shape
         if count < 10:
             raise SolverError(f"only {count} relaxed poses to fit a condensed space to; at least 10 are needed")
         self.samples, self.options, self.moduli = samples, options, moduli
-        self.device = device_of(options.device)
         values, vectors = np.linalg.eigh(samples.rest_stiffness)
         root = (vectors * np.sqrt(values)) @ vectors.T
         inverse = np.linalg.inv(root)
         self.unit = float(np.sqrt(np.mean(np.sum((samples.z @ root) ** 2, axis=1))))
         self.to_y = root / self.unit
         self.generator = torch.Generator().manual_seed(options.seed)
-        self.y = self._tensor(samples.z @ self.to_y)
-        self.force = self._tensor(samples.force @ inverse / self.unit)
         hessian = inverse @ samples.stiffness @ inverse
-        self.hessian = self._tensor(hessian)
         values, vectors = np.linalg.eigh(hessian)
-        self.softness = self._tensor((vectors / (np.abs(values) + HELD)[:, None]) @ vectors.transpose(0, 2, 1))
-        self.slaved, self.along = self._tensor(samples.slaved), self._tensor(samples.along)
-        self.directions = self._tensor(samples.directions @ self.to_y)
-        shuffled = torch.randperm(count, generator=self.generator)
+        softness = (vectors / (np.abs(values) + HELD)[:, None]) @ vectors.transpose(0, 2, 1)
+        self.y, self.force = _single(samples.z @ self.to_y), _single(samples.force @ inverse / self.unit)
+        self.hessian, self.softness = _single(hessian), _single(softness)
+        self.slaved, self.along = _single(samples.slaved), _single(samples.along)
+        self.directions = _single(samples.directions @ self.to_y)
+        shuffled = torch.randperm(count, generator=self.generator).numpy()
         held = max(round(KEPT_BACK * count), 1)
         self.kept_back, self.fitted = shuffled[:held], shuffled[held:]
-        spread = torch.tensor(samples.slaved).square().mean(dim=0).sqrt()
-        ratio = torch.tensor(moduli[2] / moduli[1])
-        tangents = torch.tensor(np.linalg.inv(self.to_y) @ samples.rest_slaved)
+        spread = np.sqrt((samples.slaved**2).mean(axis=0))
+        tangents = np.linalg.inv(self.to_y) @ samples.rest_slaved
         with torch.random.fork_rng():
             torch.manual_seed(options.seed)
-            shape = ratio, spread.clamp_min(0.01 * float(spread.max())), tangents
-            self.model = PotentialNetwork(*shape, options).double().to(self.device)
-        self.optimiser = Soap(self.model.parameters(), RATE)
+            known = moduli[2] / moduli[1], np.maximum(spread, 0.01 * spread.max()), tangents
+            self.model = PotentialNetwork.drawn(*known, options).in_precision(np.float32)
+        # the optimiser sees the memory of the network's own arrays
+        self.parameters = [torch.nn.Parameter(torch.from_numpy(each)) for each in self.model.parameters]
+        self.optimiser = Soap(self.parameters, RATE)
         # a relative error near rest would count rounding: what is smaller than a share of the median counts as that
-        self.floors = [float(share * x.norm(dim=-1).median()) for share, x in self._sizes()]
+        self.floors = [float(share * np.median(np.linalg.norm(x, axis=-1))) for share, x in self._sizes()]
 
-    def _tensor(self, values: Array) -> torch.Tensor:
-        return torch.tensor(values, device=self.device)
-
-    def _sizes(self) -> tuple[tuple[float, torch.Tensor], ...]:
+    def _sizes(self) -> tuple[tuple[float, Numbers], ...]:
         return (0.1, self.y), (0.3, self.hessian[:, :, 0]), (0.2, self.slaved), (0.3, self.along)
 
     def step(self, number: int) -> float:
@@ -157,71 +152,76 @@ class _Fit:
         rate = min(share / WARM_UP, 1.0) * 0.5 * (1 + math.cos(math.pi * share)) + 1e-3
         for group in self.optimiser.param_groups:
             group["lr"] = RATE * rate
-        chosen = torch.randint(0, len(self.fitted), (BATCH,), generator=self.generator)
-        loss = self._loss(self.fitted[chosen])
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
+        chosen = torch.randint(0, len(self.fitted), (BATCH,), generator=self.generator).numpy()
+        v = torch.randn((BATCH, self.y.shape[1]), generator=self.generator, dtype=torch.float32).numpy()
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+        one = torch.randint(0, self.directions.shape[1], (BATCH,), generator=self.generator).numpy()
+        loss, gradient = self._gradient(self.fitted[chosen], v, one)
+        for parameter, slope in zip(self.parameters, gradient, strict=True):
+            parameter.grad = torch.from_numpy(slope)
+        torch.nn.utils.clip_grad_norm_(self.parameters, 1.0)
         self.optimiser.step()
-        return float(loss.detach())
-
-    def _loss(self, batch: torch.Tensor) -> torch.Tensor:
-        model, generator = self.model, self.generator
-        # numbers are drawn on the processor, so that a graphics card sees the same poses and directions
-        v = torch.randn((len(batch), self.y.shape[1]), generator=generator, dtype=self.y.dtype).to(self.device)
-        one = torch.randint(0, self.directions.shape[1], (len(batch),), generator=generator).to(self.device)
-        batch = batch.to(self.device)
-        v = v / v.norm(dim=1, keepdim=True)
-        w = self.directions[batch, one]
-        force, image, slaved, along = model.derivatives(self.y[batch], v, w)
-        expected = torch.einsum("bij,bj->bi", self.hessian[batch], v)
-        moved = torch.einsum("bij,bj->bi", self.softness[batch], force - self.force[batch])
-        floors = self.floors
-        loss: torch.Tensor = (
-            _relative(self.y[batch] + moved, self.y[batch], floors[0])
-            + HESSIAN * _relative(image, expected, floors[1])
-            + SLAVED * _relative(slaved, self.slaved[batch], floors[2])
-            + TANGENTS * _relative(along, self.along[batch, one], floors[3])
-        )
         return loss
 
-    def error(self, poses: torch.Tensor) -> float:
+    def _gradient(self, batch: Indices, v: Numbers, one: Indices) -> tuple[float, list[Numbers]]:
+        """The mean loss of some poses along directions v and of so many directions each, and its gradient."""
+        found, tape = self.model.derivatives(self.y[batch], v, self.directions[batch, one], self.model.strains())
+        loss, counts = self._loss(found, batch, v, one)
+        return loss, self.model.gradient(tape, counts)
+
+    def _loss(self, found: Derivatives, poses: Indices, v: Numbers, way: Indices) -> tuple[float, Derivatives]:
+        """The mean over some poses, and what it changes by with each of the derivatives."""
+        y, softness, floors = self.y[poses], self.softness[poses], self.floors
+        moved = np.matvec(softness, found.force - self.force[poses])
+        image = np.matvec(self.hessian[poses], v)
+        terms = (
+            (1.0, moved, y, floors[0]),
+            (HESSIAN, found.image - image, image, floors[1]),
+            (SLAVED, found.slaved - self.slaved[poses], self.slaved[poses], floors[2]),
+            (TANGENTS, found.along - self.along[poses, way], self.along[poses, way], floors[3]),
+        )
+        losses, counts = zip(*(_relative(*term) for term in terms), strict=True)
+        return sum(losses), Derivatives(np.matvec(softness, counts[0]), *counts[1:])
+
+    def error(self, poses: Indices) -> float:
         """‖λ_fit − λ‖ / ‖λ‖ in energy coordinates, the median over some poses."""
-        poses = poses.to(self.device)
-        y = self.y[poses]
-        with torch.no_grad():
-            force = self.model.derivatives(y, 0 * y, 0 * y)[0]
-        wrong = (force - self.force[poses]).norm(dim=1) / self.force[poses].norm(dim=1)
-        return float(wrong.median())
+        y, force = self.y[poses], self.force[poses]
+        found = self.model.derivatives(y, 0 * y, 0 * y, self.model.strains())[0].force
+        return float(np.median(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)))
 
     def result(self, loss: Array) -> Condensed:
         errors = [self.error(poses) for poses in (self.fitted, self.kept_back)]
-        model, F = self.model.cpu(), self.to_y
-        r, m, spread = len(F), model.features, model.spread.numpy()
-        weights, biases = layers(model.network)
+        model, F = self.model.in_precision(np.float64), self.to_y  # what is exact at rest is so in double precision
+        r, m, spread = len(F), model.features, model.spread
+        weights, biases = list(model.weights), list(model.biases)
         # y = to_y z is folded into the first layer, the spread into the last; z itself comes by the skip
         weights[0] = F @ weights[0]
         out = np.concatenate([np.ones(m), spread])
         weights[-1] = np.hstack([np.zeros((len(weights[-1]), r)), weights[-1] * out])
         biases[-1] = np.concatenate([np.zeros(r), biases[-1] * out])
-        skip = np.hstack([np.eye(r), -F @ model.at_rest()[1].detach().numpy() * out])
+        skip = np.hstack([np.eye(r), -F @ model.at_rest()[1] * out])
         skip[:, r + m :] += self.samples.rest_slaved
         decoder = Decoder.network(weights, biases, self.options.activation, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])
-        return Condensed(decoder, Encoder((select,), (np.zeros(r),)), self._rule(r, decoder.k, errors), loss)
+        return Condensed(
+            decoder, Encoder((select,), (np.zeros(r),)), self._rule(model.strains(), decoder.k, errors), loss
+        )
 
-    def _rule(self, r: int, k: int, errors: list[float]) -> CubatureRule:
+    def _rule(self, strains: Strains, k: int, errors: list[float]) -> CubatureRule:
         points, mu, _ = self.moduli
-        maps = np.zeros((len(points), 9, k))
-        fitted = self.model.strain_maps().detach().numpy()
-        maps[:, :, : r + self.model.features] = fitted.reshape(len(points), 9, -1)
+        r, maps = len(self.to_y), np.zeros((len(points), 9, k))
+        maps[:, :, : strains.maps.shape[1]] = strains.maps.reshape(len(points), 9, -1)
         maps[:, :, :r] = maps[:, :, :r] @ self.to_y
-        weights = self.unit**2 * self.model.logarithms.detach().exp().numpy() / mu
+        weights = self.unit**2 * strains.weights / mu
         return CubatureRule(points, weights, errors[0], maps, errors[1], material=material_number(MATERIAL))
 
 
-def _relative(found: torch.Tensor, wanted: torch.Tensor, floor: float) -> torch.Tensor:
-    """‖found − wanted‖ / (‖wanted‖ + floor), mean over a batch: outliers count once, not squared."""
-    share = (found - wanted).square().sum(dim=1) / (wanted.norm(dim=1) + floor).square()
-    mean: torch.Tensor = (share + SMALL**2).sqrt().mean()
-    return mean
+def _single(values: Array) -> Numbers:
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def _relative(weight: float, wrong: Numbers, wanted: Numbers, floor: float) -> tuple[float, Numbers]:
+    """Of ‖wrong‖ / (‖wanted‖ + floor) the weighted mean over a batch, outliers once and not squared; and its slope."""
+    scale = (np.linalg.norm(wanted, axis=1) + floor) ** 2
+    share = np.sqrt((wrong**2).sum(axis=1) / scale + SMALL**2)
+    return weight * float(share.mean()), (weight / len(wrong) / (scale * share))[:, None] * wrong

@@ -100,5 +100,5 @@ class TrainOptions(Options):
     ] = None
     seed: Annotated[Seed, Field(description="Of weights, split and batches.")] = 0
     device: Annotated[
-        str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="auto takes CUDA where there is one.")
+        str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="Of an autoencoder; auto takes CUDA where it is.")
     ] = "auto"

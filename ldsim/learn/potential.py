@@ -1,131 +1,381 @@
 """The network of a condensed space: V_eff(z) and the pose slaved to z, with the derivatives that a fit compares.
 
 A fit asks for the force ∇V_eff, its change along a direction, the slaved pose and its change along another. Each is
-written out, changes carried forwards and forces backwards through the layers, so that only the gradient of the loss is
-left to torch: derivatives of derivatives are more operations (docs/notebook/2026-11-26-making.md).
+written out, changes carried forwards and forces backwards through the layers, and so is the gradient of a loss of them,
+which goes the same ways back. As operations of torch the same numbers took three times as long, most of it between the
+operations (docs/notebook/2026-11-26-making.md).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
 import torch
+from scipy.linalg import solve_triangular
 
-from ldsim.learn.network import ACTIVATIONS, perceptron
+from ldsim.arrays import Numbers
+from ldsim.jit import kernel
+from ldsim.learn.network import layers, perceptron
 from ldsim.learn.options import TrainOptions
-from ldsim.learn.stress import stresses
-
-# First and second derivative of each activation.
-Derivative = Callable[[torch.Tensor], torch.Tensor]
-DERIVATIVES: dict[str, tuple[Derivative, Derivative]] = {
-    "elu": (lambda x: x.clamp_max(0).exp(), lambda x: x.clamp_max(0).exp() * (x < 0)),
-    "relu": (lambda x: (x > 0).to(x.dtype), torch.zeros_like),
-    "tanh": (lambda x: 1 - x.tanh().square(), lambda x: 2 * x.tanh() * (x.tanh().square() - 1)),
-    "sigmoid": (
-        lambda x: x.sigmoid() * (1 - x.sigmoid()),
-        lambda x: x.sigmoid() * (1 - x.sigmoid()) * (1 - 2 * x.sigmoid()),
-    ),
-}
+from ldsim.learn.stress import stresses, stresses_back
+from ldsim.space.activation import ACTIVATIONS, activate, slope
 
 
-class PotentialNetwork(torch.nn.Module):
+class Derivatives(NamedTuple):
+    """What a fit compares, or how much each counts.
+
+    Attributes:
+        force: ∇V_eff, and image, its change along v, (b, r).
+        slaved: the slaved coordinates, and along, their change along w, (b, k).
+    """
+
+    force: Numbers
+    image: Numbers
+    slaved: Numbers
+    along: Numbers
+
+
+class Strains(NamedTuple):
+    """What V_eff is made of, the same for all poses.
+
+    Attributes:
+        maps: G of all points, (9c, r + m): the leading columns such that the Hessian at rest is the identity.
+        weights: of the points, (c,).
+        rows: Q, (10c, r), with QᵀQ the Hessian at rest if the maps were as they are learned.
+        root: its Cholesky factor C, (r, r), lower; the leading maps are those that are learned times C⁻ᵀ.
+    """
+
+    maps: Numbers
+    weights: Numbers
+    rows: Numbers
+    root: Numbers
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """What one layer gave. Its rows are b poses and rest, then changes along v and w of each pose, r of rest.
+
+    Attributes:
+        before: rows that came in. moved: changes before the activation, (2b + r, n).
+        slope, curvature, third: derivatives of the activation at each pose and at rest, (b + 1, n).
+    """
+
+    before: Numbers
+    moved: Numbers
+    slope: Numbers
+    curvature: Numbers
+    third: Numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """What the way back reads of an evaluation.
+
+    Attributes:
+        inputs: y, v and w, (b, r). layers: of the inner layers. last: rows that came into the last one.
+        at_rest: changes of the features at rest, (r, m).
+        strains: of V_eff. both: [y, f] and below it its change along v, (2b, r + m); strained: G times it.
+        stressed: P/μ of each and its change, (2b, 9c); forces: on [y, f], and their changes, (2b, r + m).
+        backs: of each inner layer the forces that come back to it, and those that go on, (2b, n) each.
+    """
+
+    inputs: tuple[Numbers, Numbers, Numbers]
+    layers: list[_Layer]
+    last: Numbers
+    at_rest: Numbers
+    strains: Strains
+    both: Numbers
+    strained: Numbers
+    stressed: Numbers
+    forces: Numbers
+    backs: list[tuple[Numbers, Numbers]]
+
+
+@dataclass(frozen=True, eq=False)
+class PotentialNetwork:
     """V_eff and the slaved coordinates as functions of y, in units in which the samples are of size one.
 
     At rest both are exact to first order by construction: the Hessian of V_eff is the identity, and the slaved
     coordinates move as T₀ does.
 
-    Args:
+    Attributes:
+        weights, biases: of the layers, (in, out) and (out,). activation: between them.
+        maps: of the points, as they are learned, (9c, r + m). logarithms: of their weights, (c,).
         ratio: λ/μ of the material of each point, (c,).
         spread: root mean square of each slaved coordinate, (k,).
         tangents: of the slaved coordinates at rest, (r, k).
     """
 
-    ratio: torch.Tensor
-    spread: torch.Tensor
-    tangents: torch.Tensor
+    weights: tuple[Numbers, ...]
+    biases: tuple[Numbers, ...]
+    activation: str
+    maps: Numbers
+    logarithms: Numbers
+    ratio: Numbers
+    spread: Numbers
+    tangents: Numbers
 
-    def __init__(
-        self, ratio: torch.Tensor, spread: torch.Tensor, tangents: torch.Tensor, options: TrainOptions
-    ) -> None:
-        super().__init__()
-        r = len(tangents)
-        points, features, k = len(ratio), options.condensed.features, len(spread)
-        self.features = features
-        self.network = perceptron([r, *options.hidden, features + k], options.activation)
-        self.activation = ACTIVATIONS[options.activation]()
-        self._slope, self._curvature = DERIVATIVES[options.activation]
+    @classmethod
+    def drawn(cls, ratio: Numbers, spread: Numbers, tangents: Numbers, options: TrainOptions) -> PotentialNetwork:
+        """One to begin with, by torch's own random numbers; float64."""
+        r, points, features = len(tangents), len(ratio), options.condensed.features
+        network = perceptron([r, *options.hidden, features + len(spread)], options.activation)
         # small strains, so that no point starts inverted
-        self.maps = torch.nn.Parameter(0.15 / math.sqrt(r) * torch.randn(9 * points, r + features))
-        self.logarithms = torch.nn.Parameter(torch.full((points,), math.log(3.0 / points)))
-        last = self.network[-1]
+        maps = 0.15 / math.sqrt(r) * torch.randn(9 * points, r + features)
+        last = network[-1]
         assert isinstance(last, torch.nn.Linear)
         torch.nn.init.normal_(last.weight, 0.0, 0.1 / math.sqrt(last.in_features))
-        self.register_buffer("ratio", ratio)
-        self.register_buffer("spread", spread)
-        self.register_buffer("tangents", tangents)
+        weights, biases = map(tuple, layers(network))
+        logarithms = np.full(points, math.log(3.0 / points))
+        drawn = cls(weights, biases, options.activation, maps.numpy(), logarithms, ratio, spread, tangents)
+        return drawn.in_precision(np.float64)
+
+    def in_precision(self, dtype: type[np.floating]) -> PotentialNetwork:
+        """A copy with arrays of another type, in which all is then computed."""
+
+        def copied(array: Numbers) -> Numbers:
+            return np.array(array, dtype=dtype, order="C")
+
+        arrays = self.maps, self.logarithms, self.ratio, self.spread, self.tangents
+        weights, biases = (tuple(map(copied, each)) for each in (self.weights, self.biases))
+        return PotentialNetwork(weights, biases, self.activation, *map(copied, arrays))
 
     @property
-    def layers(self) -> list[torch.nn.Linear]:
-        return [each for each in self.network if isinstance(each, torch.nn.Linear)]
+    def features(self) -> int:
+        """How many learned functions of y the points see beside it, m."""
+        return len(self.maps.T) - len(self.tangents)
 
-    def at_rest(self) -> tuple[torch.Tensor, torch.Tensor]:
+    @property
+    def parameters(self) -> list[Numbers]:
+        """All that is learned; the gradient has the same order."""
+        return [*self.weights, *self.biases, self.maps, self.logarithms]
+
+    def at_rest(self) -> tuple[Numbers, Numbers]:
         """What the network gives for y = 0, (m + k,), and its Jacobian there, (r, m + k)."""
-        first, *others = self.layers
-        x, J = first.bias, first.weight.T
-        for layer in others:
-            J = (J * self._slope(x)) @ layer.weight.T
-            x = layer(self.activation(x))
-        return x, J
+        none = np.zeros((0, len(self.tangents)))
+        _, last = self._outwards(none, none, none)
+        out = last @ self.weights[-1]
+        return out[0] + self.biases[-1], out[1:]
 
-    def derivatives(
-        self, y: torch.Tensor, v: torch.Tensor, w: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """∇V_eff and its change along v, (b, r), the slaved coordinates and their change along w, (b, k).
+    def strains(self) -> Strains:
+        """The strain maps as they are learned, with the leading columns made such that rest is exact."""
+        r, c, weights = len(self.tangents), len(self.ratio), np.exp(self.logarithms)
+        learned = self.maps[:, :r].reshape(c, 3, 3, r)
+        trace = learned[:, 0, 0] + learned[:, 1, 1] + learned[:, 2, 2]
+        strain = 0.5 * (learned + learned.transpose(0, 2, 1, 3)).reshape(c, 9, r)
+        # Ψ/μ = ‖ε‖² + ½ (λ/μ) (tr ε)² for small strains
+        rows = np.concatenate([math.sqrt(2) * strain, (np.sqrt(self.ratio)[:, None] * trace)[:, None]], axis=1)
+        rows *= np.sqrt(weights)[:, None, None]
+        rows = rows.reshape(10 * c, r)
+        root = np.linalg.cholesky(rows.T @ rows)
+        leading = solve_triangular(root, self.maps[:, :r].T, lower=True).T
+        return Strains(np.hstack([leading, self.maps[:, r:]]), weights, rows, root)
+
+    def derivatives(self, y: Numbers, v: Numbers, w: Numbers, strains: Strains) -> tuple[Derivatives, Tape]:
+        """At y, (b, r), changed along v and w, (b, r); and what `gradient` reads."""
+        (b, r), m = y.shape, self.features
+        passed, last = self._outwards(y, v, w)
+        out = last @ self.weights[-1]
+        value, moved = out[: b + 1] + self.biases[-1], out[b + 1 :]
+        J = moved[2 * b :]
+        tangents = self.tangents - J[:, m:] * self.spread
+        slaved = (value[:b, m:] - value[b, m:]) * self.spread + y @ tangents
+        along = moved[b : 2 * b, m:] * self.spread + w @ tangents
+        # f and its change, and the forces on [y, f]; those on f go back through the layers
+        straight = np.concatenate([y, v])
+        f = np.concatenate([value[:b, :m] - value[b, :m], moved[:b, :m]]) - straight @ J[:, :m]
+        both = np.hstack([straight, f])
+        strained = both @ strains.maps.T
+        stressed = stresses(strained, self.ratio)
+        forces = _weighted(stressed, strains.weights) @ strains.maps
+        back, backs = forces[:, r:] @ self.weights[-1][:, :m].T, list[tuple[Numbers, Numbers]]()
+        for layer, W in zip(reversed(passed), reversed(self.weights[:-1]), strict=True):
+            passing = np.empty_like(back)
+            _pass_back(back, layer.slope, layer.curvature, layer.moved, passing)
+            backs.append((back, passing))
+            back = passing @ W.T
+        found = forces[:, :r] + back - forces[:, r:] @ J[:, :m].T
+        tape = Tape((y, v, w), passed, last, J[:, :m], strains, both, strained, stressed, forces, backs[::-1])
+        return Derivatives(found[:b], found[b:], slaved, along), tape
+
+    def gradient(self, tape: Tape, counts: Derivatives) -> list[Numbers]:
+        """What a loss changes by with each of the parameters.
 
         Args:
-            y, v, w: (b, r).
+            counts: what the loss changes by with each of the derivatives.
         """
-        b, m = len(y), self.features
-        *inner, last = self.layers
-        rest, J = self.at_rest()
-        # of each layer its slope, what the slope changes by along v, and the directions that come out of it
-        x, moved, passed = y, torch.cat([v, w]), []
-        for layer in inner:
-            x, moved = layer(x), moved @ layer.weight.T
-            slope = self._slope(x)
-            passed.append((slope, self._curvature(x) * moved[:b]))
-            x, moved = self.activation(x), (moved.view(2, b, -1) * slope).view(2 * b, -1)
-        outer, J_slaved = last.weight[m:] * self.spread[:, None], self.tangents - J[:, m:] * self.spread
-        slaved = x @ outer.T + (last.bias[m:] - rest[m:]) * self.spread + y @ J_slaved
-        along = moved[b:] @ outer.T + w @ J_slaved
-        # f and its change, and the forces on [y, f]; those on f go back through the layers
-        f = torch.cat([x @ last.weight[:m].T + (last.bias[:m] - rest[:m]), moved[:b] @ last.weight[:m].T])
-        both = torch.cat([torch.cat([y, v]), f - torch.cat([y, v]) @ J[:, :m]], dim=1)
-        forces = self._forces(both)
-        r = y.shape[1]
-        back = forces[:, r:] @ last.weight[:m]
-        for layer, (slope, change) in zip(reversed(inner), reversed(passed), strict=True):
-            at, changed = back[:b], back[b:]
-            back = torch.cat([at * slope, changed * slope + at * change]) @ layer.weight
-        found = forces[:, :r] + back - forces[:, r:] @ J[:, :m].T
-        return found[:b], found[b:], slaved, along
+        (y, v, w), m, spread, J = tape.inputs, self.features, self.spread, tape.at_rest
+        (b, r), W, weights = y.shape, self.weights, [np.zeros_like(each) for each in self.weights]
+        G, forces = tape.strains.maps, tape.forces
+        # the way back through the layers, backwards: from y to f
+        counted = np.concatenate([counts.force, counts.image])
+        J_features = -counted.T @ forces[:, r:]
+        on_forces = np.hstack([counted, -counted @ J])
+        bent = list[tuple[Numbers, Numbers]]()
+        for i, ((back, passing), layer) in enumerate(zip(tape.backs, tape.layers, strict=True)):
+            weights[i] += counted.T @ passing
+            on_passing, counted = counted @ W[i], np.empty_like(back)
+            on_value, on_moved = np.empty_like(back[:b]), np.empty_like(back[:b])
+            _pass_back_counted(
+                on_passing, back, (layer.slope, layer.curvature, layer.third), layer.moved, counted, on_value, on_moved
+            )
+            bent.append((on_value, on_moved))
+        weights[-1][:, :m] += counted.T @ forces[:, r:]
+        on_forces[:, r:] += counted @ W[-1][:, :m]
+        # the points
+        on_weighted = on_forces @ G.T
+        maps = _weighted(tape.stressed, tape.strains.weights).T @ on_forces
+        logarithms = np.einsum("bsi,bsi->s", *(x.reshape(2 * b, -1, 9) for x in (on_weighted, tape.stressed)))
+        on_strained = stresses_back(tape.strained, self.ratio, _weighted(on_weighted, tape.strains.weights))
+        maps += on_strained.T @ tape.both
+        on_f = (on_strained @ G)[:, r:]
+        # the last layer: values of poses and rest, changes along v and w and those of rest
+        on_out = np.zeros((3 * b + 1 + r, m + len(spread)), dtype=G.dtype)
+        scaled, changed = counts.slaved * spread, counts.along * spread
+        on_out[:b, :m], on_out[:b, m:] = on_f[:b], scaled
+        on_out[b] = -on_out[:b].sum(axis=0)
+        on_out[b + 1 : 2 * b + 1, :m], on_out[2 * b + 1 : 3 * b + 1, m:] = on_f[b:], changed
+        on_out[3 * b + 1 :, :m] = J_features - y.T @ on_f[:b] - v.T @ on_f[b:]
+        on_out[3 * b + 1 :, m:] = -y.T @ scaled - w.T @ changed
+        # the way out through the layers, backwards
+        biases = [on_out[: b + 1].sum(axis=0)]
+        weights[-1] += tape.last.T @ on_out
+        for i in range(len(tape.layers) - 1, -1, -1):
+            layer, on_after = tape.layers[i], on_out @ W[i + 1].T
+            on_out = np.empty_like(on_after)
+            _pass_out_counted(on_after, layer.slope, layer.curvature, layer.moved, bent[i], on_out)
+            weights[i] += layer.before.T @ on_out
+            biases.append(on_out[: b + 1].sum(axis=0))
+        learned, others = self._of_maps(tape.strains, maps)
+        return [*weights, *biases[::-1], learned, logarithms * tape.strains.weights + others]
 
-    def strain_maps(self) -> torch.Tensor:
-        """G of all points, (9c, r + m): the leading columns such that the Hessian at rest is the identity."""
-        r = len(self.tangents)
-        G = self.maps[:, :r].reshape(-1, 3, 3, r)
-        trace = G[:, 0, 0] + G[:, 1, 1] + G[:, 2, 2]
-        strain = 0.5 * (G + G.transpose(1, 2))
-        weights = self.logarithms.exp()
-        # Ψ/μ = ‖ε‖² + ½ (λ/μ) (tr ε)² for small strains
-        H = 2 * torch.einsum("s,sijp,sijq->pq", weights, strain, strain)
-        H = H + torch.einsum("s,sp,sq->pq", weights * self.ratio, trace, trace)
-        leading = torch.linalg.solve_triangular(torch.linalg.cholesky(H), self.maps[:, :r].T, upper=False).T
-        return torch.cat([leading, self.maps[:, r:]], dim=1)
+    def _of_maps(self, strains: Strains, counted: Numbers) -> tuple[Numbers, Numbers]:
+        """What a loss changes by with the learned maps and with the logarithms, by what it does with G, (9c, r + m)."""
+        r, c, C = len(self.tangents), len(self.ratio), strains.root
+        # G = M C⁻ᵀ, with C as Murray 2016 (arXiv 1602.07527, Sec. 3) differentiates it
+        on_learned = solve_triangular(C, counted[:, :r].T, lower=True, trans=1).T
+        on_root = np.tril(-solve_triangular(C, counted[:, :r].T, lower=True, trans=1) @ strains.maps[:, :r])
+        inner = np.tril(C.T @ on_root)
+        inner[np.diag_indices(r)] *= 0.5
+        half = solve_triangular(C, inner, lower=True, trans=1)
+        on_hessian = solve_triangular(C, half.T, lower=True, trans=1).T
+        on_rows = strains.rows @ (on_hessian + on_hessian.T)
+        by_point = (on_rows * strains.rows).reshape(c, -1).sum(axis=1)
+        on_rows = on_rows.reshape(c, 10, r) * np.sqrt(strains.weights)[:, None, None]
+        on_strain = math.sqrt(2) * on_rows[:, :9].reshape(c, 3, 3, r)
+        learned = 0.5 * (on_strain + on_strain.transpose(0, 2, 1, 3))
+        learned[:, range(3), range(3)] += (np.sqrt(self.ratio)[:, None] * on_rows[:, 9])[:, None]
+        return np.hstack([on_learned + learned.reshape(-1, r), counted[:, r:]]), 0.5 * by_point
 
-    def _forces(self, both: torch.Tensor) -> torch.Tensor:
-        """Those on [y, f] and their changes, (2b, r + m), for [y, f] and its changes."""
-        G = self.strain_maps()
-        weighted = stresses(both @ G.T, self.ratio).view(len(both), -1, 9) * self.logarithms.exp()[:, None]
-        return weighted.view(len(both), -1) @ G
+    def _outwards(self, y: Numbers, v: Numbers, w: Numbers) -> tuple[list[_Layer], Numbers]:
+        """Through all layers but the last; the rows that come to it, see `_Layer`."""
+        (b, r), passed = y.shape, list[_Layer]()
+        rows = np.concatenate([y, np.zeros((1, r)), v, w, np.eye(r)], dtype=self.maps.dtype)
+        for W, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = rows @ W
+            slope, curvature, third = (np.empty_like(x[: b + 1]) for _ in range(3))
+            moved = x[b + 1 :].copy()
+            _pass_out(ACTIVATIONS[self.activation], bias, moved, (slope, curvature, third), x)
+            passed.append(_Layer(rows, moved, slope, curvature, third))
+            rows = x
+        return passed, rows
+
+
+def _weighted(rows: Numbers, weights: Numbers) -> Numbers:
+    """Times the weight of each point, (2b, 9c)."""
+    return np.ascontiguousarray((rows.reshape(len(rows), -1, 9) * weights[:, None]).reshape(rows.shape))
+
+
+@kernel()
+def _curvatures(kind: int, y: float) -> tuple[float, float]:
+    """Second and third derivative of an activation in terms of its value y, as `slope` has the first."""
+    if kind == 0:
+        return (0.0, 0.0) if y > 0.0 else (y + 1.0, y + 1.0)
+    if kind == 1:
+        return 0.0, 0.0
+    if kind == 2:
+        s = 1.0 - y * y
+        return -2.0 * y * s, s * (6.0 * y * y - 2.0)
+    s = y * (1.0 - y)
+    return s * (1.0 - 2.0 * y), s * (1.0 - 6.0 * s)
+
+
+@kernel()
+def _pass_out(
+    kind: int, bias: Numbers, moved: Numbers, derivatives: tuple[Numbers, Numbers, Numbers], x: Numbers
+) -> None:
+    """The activation of rows x, of poses and rest, in place, its derivatives there, and below it the changes."""
+    slopes, curvatures, thirds = derivatives
+    poses, n = slopes.shape
+    for i in range(poses):
+        for j in range(n):
+            x[i, j] += bias[j]
+        activate(kind, x[i])
+        for j in range(n):
+            slopes[i, j] = slope(kind, x[i, j])
+            curvatures[i, j], thirds[i, j] = _curvatures(kind, x[i, j])
+    for i in range(moved.shape[0]):
+        at = _pose_of(i, poses)
+        for j in range(n):
+            x[poses + i, j] = moved[i, j] * slopes[at, j]
+
+
+@kernel()
+def _pose_of(i: int, poses: int) -> int:
+    """Whose change the i-th is: along v and along w of each pose but the last, which is rest, and then of that."""
+    return i % (poses - 1) if i < 2 * (poses - 1) else poses - 1
+
+
+@kernel()
+def _pass_back(back: Numbers, slope: Numbers, curvature: Numbers, moved: Numbers, out: Numbers) -> None:
+    """Forces on what an activation gives, and their changes along v, to those on what it is given."""
+    b = back.shape[0] // 2
+    for i in range(b):
+        for j in range(back.shape[1]):
+            s, change = slope[i, j], curvature[i, j] * moved[i, j]
+            out[i, j] = back[i, j] * s
+            out[b + i, j] = back[b + i, j] * s + back[i, j] * change
+
+
+@kernel()
+def _pass_back_counted(
+    counted: Numbers,
+    back: Numbers,
+    derivatives: tuple[Numbers, Numbers, Numbers],
+    moved: Numbers,
+    on_back: Numbers,
+    on_value: Numbers,
+    on_moved: Numbers,
+) -> None:
+    """`_pass_back` backwards: what a loss changes by with what came in, the value and its change along v."""
+    slope, curvature, third = derivatives
+    b = back.shape[0] // 2
+    for i in range(b):
+        for j in range(back.shape[1]):
+            s, k, t = slope[i, j], curvature[i, j], moved[i, j]
+            first, other = counted[i, j], counted[b + i, j]
+            on_back[i, j] = first * s + other * k * t
+            on_back[b + i, j] = other * s
+            on_change = other * back[i, j]
+            on_value[i, j] = (first * back[i, j] + other * back[b + i, j]) * k + on_change * third[i, j] * t
+            on_moved[i, j] = on_change * k
+
+
+@kernel()
+def _pass_out_counted(
+    counted: Numbers, slope: Numbers, curvature: Numbers, moved: Numbers, bent: tuple[Numbers, Numbers], out: Numbers
+) -> None:
+    """`_pass_out` backwards, with what the way back adds to poses and to their changes along v."""
+    on_value, on_moved = bent
+    poses, n = slope.shape
+    for i in range(poses):
+        for j in range(n):
+            out[i, j] = counted[i, j] * slope[i, j] + (on_value[i, j] if i < poses - 1 else 0.0)
+    for i in range(moved.shape[0]):
+        at = _pose_of(i, poses)
+        for j in range(n):
+            out[at, j] += counted[poses + i, j] * moved[i, j] * curvature[at, j]
+            out[poses + i, j] = counted[poses + i, j] * slope[at, j] + (on_moved[i, j] if i < poses - 1 else 0.0)

@@ -1,15 +1,13 @@
-"""The stress of stable neo-Hookean points and its change, as torch sees them: compiled, with their own gradients.
+"""The stress of stable neo-Hookean points and its change, and what a loss changes by with what they are given.
 
-Ψ is Eq. 14 of Smith et al. 2018 with the Lamé parameters of small strains (Sec. 3.4). In torch's operations the cross
-products of 48 points alone were a fifth of a step of the fit.
+Ψ is Eq. 14 of Smith et al. 2018 with the Lamé parameters of small strains (Sec. 3.4).
 """
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
-from ldsim.arrays import Array
+from ldsim.arrays import Numbers
 from ldsim.jit import kernel, njit
 from ldsim.mechanics.materials.tensors import Matrix, cofactor, combination, inner, squared_norm
 
@@ -18,41 +16,27 @@ from ldsim.mechanics.materials.tensors import Matrix, cofactor, combination, inn
 MATERIAL = "stable_neo_hookean"
 
 
-def stresses(strains: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
-    """P/μ at F = I + strain of c points, and below it what it changes by when F changes, (2b, 9c), differentiable.
+def stresses(strains: Numbers, ratio: Numbers) -> Numbers:
+    """P/μ at F = I + strain of c points, and below it what it changes by when F changes, (2b, 9c).
 
     Args:
-        strains: of b poses, and below them as many changes, (2b, 9c) float64.
+        strains: of b poses, and below them as many changes, (2b, 9c).
         ratio: λ/μ, (c,), which is not learned.
     """
-    found: torch.Tensor = _Stresses.apply(strains, ratio)  # type: ignore[no-untyped-call]
+    found = np.empty_like(strains)
+    _forwards(strains, ratio, found)
     return found
 
 
-class _Stresses(torch.autograd.Function):
-    """One pass over the points each way. What lies on a graphics card comes to the processor for it."""
-
-    @staticmethod
-    def forward(ctx: torch.autograd.function.FunctionCtx, strains: torch.Tensor, ratio: torch.Tensor) -> torch.Tensor:
-        ctx.save_for_backward(strains, ratio)
-        found = np.empty(strains.shape)
-        _forwards(_array(strains), _array(ratio), found)
-        return torch.from_numpy(found).to(strains.device)
-
-    @staticmethod
-    def backward(ctx: torch.autograd.function.FunctionCtx, *wanted: torch.Tensor) -> tuple[torch.Tensor, None]:
-        strains, ratio = ctx.saved_tensors  # type: ignore[attr-defined]
-        found = np.empty(strains.shape)
-        _backwards(_array(strains), _array(ratio), _array(wanted[0]), found)
-        return torch.from_numpy(found).to(strains.device), None
-
-
-def _array(tensor: torch.Tensor) -> Array:
-    return np.ascontiguousarray(tensor.detach().cpu().numpy(), dtype=np.float64)
+def stresses_back(strains: Numbers, ratio: Numbers, counted: Numbers) -> Numbers:
+    """What a loss changes by with the strains, (2b, 9c), by what it does with `stresses` of them."""
+    found = np.empty_like(strains)
+    _backwards(strains, ratio, counted, found)
+    return found
 
 
 @njit(cache=True, inline="always")
-def _read(rows: Array, i: int, s: int) -> Matrix:
+def _read(rows: Numbers, i: int, s: int) -> Matrix:
     o = 9 * s
     return (
         rows[i, o], rows[i, o + 1], rows[i, o + 2],
@@ -62,7 +46,7 @@ def _read(rows: Array, i: int, s: int) -> Matrix:
 
 
 @njit(cache=True, inline="always")
-def _write(A: Matrix, rows: Array, i: int, s: int) -> None:
+def _write(A: Matrix, rows: Numbers, i: int, s: int) -> None:
     o = 9 * s
     rows[i, o], rows[i, o + 1], rows[i, o + 2] = A[0], A[1], A[2]
     rows[i, o + 3], rows[i, o + 4], rows[i, o + 5] = A[3], A[4], A[5]
@@ -76,7 +60,7 @@ def _mixed(A: Matrix, B: Matrix) -> Matrix:
 
 
 @njit(cache=True, inline="always")
-def _at(strains: Array, i: int, s: int, ratio: float) -> tuple[Matrix, Matrix, float, float, float, float]:
+def _at(strains: Numbers, i: int, s: int, ratio: float) -> tuple[Matrix, Matrix, float, float, float, float]:
     """F, its cofactor, the shares of both in P, λ' and 1 / (I₁ + 1)."""
     F = combination(1.0, _read(strains, i, s), 1.0, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
     C, lam, inverse = cofactor(F), ratio + 5.0 / 6.0, 1.0 / (squared_norm(F) + 1.0)
@@ -94,7 +78,7 @@ def _changed(
 
 
 @kernel(error_model="numpy")
-def _forwards(strains: Array, ratio: Array, out: Array) -> None:
+def _forwards(strains: Numbers, ratio: Numbers, out: Numbers) -> None:
     b = strains.shape[0] // 2
     for i in range(b):
         for s in range(ratio.shape[0]):
@@ -105,7 +89,7 @@ def _forwards(strains: Array, ratio: Array, out: Array) -> None:
 
 
 @kernel(error_model="numpy")
-def _backwards(strains: Array, ratio: Array, wanted: Array, out: Array) -> None:
+def _backwards(strains: Numbers, ratio: Numbers, wanted: Numbers, out: Numbers) -> None:
     """Σ wanted · ∂(P, dP)/∂(F, D). With p and q wanted of P and of its change H D: H q for D, and for F
     H p + ∂(q : H D)/∂F."""
     b = strains.shape[0] // 2

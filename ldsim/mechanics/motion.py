@@ -8,6 +8,7 @@ settled when the drag starts, on the deformed mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -103,7 +104,16 @@ class Motion:
 
     def active(self, frame: int) -> list[int]:
         """The drags that pull in a frame, by number."""
-        return [i for i, drag in enumerate(self.drags) if drag.start <= frame < drag.stop]
+        return self._active[frame] if 0 <= frame < self.frames else []
+
+    @cached_property
+    def _active(self) -> list[list[int]]:
+        # once for all frames: a motion of a thousand pulls would look at each of them in every frame
+        found: list[list[int]] = [[] for _ in range(self.frames)]
+        for i, drag in enumerate(self.drags):
+            for frame in range(drag.start, min(drag.stop, self.frames)):
+                found[frame].append(i)
+        return found
 
     def first(self, frames: int) -> Motion:
         """Its first frames, or all where there are fewer."""
