@@ -3,7 +3,7 @@
 A fit asks for the force ∇V_eff, its change along a direction, the slaved pose and its change along another. Each is
 written out, changes carried forwards and forces backwards through the layers, and so is the gradient of a loss of them,
 which goes the same ways back. As operations of torch the same numbers took three times as long, most of it between the
-operations (docs/notebook/2026-11-26-making.md).
+operations (docs/notebook/2026-11-26-making.md, "Fits without torch").
 """
 
 from __future__ import annotations
