@@ -17,7 +17,7 @@ from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import Exchange, Minimisation, step
 from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
 from ldsim.dynamics.reduced.state import fields
-from ldsim.dynamics.reduced.warped import swing_on, warp_springs
+from ldsim.dynamics.reduced.warped import most_beside, swing_on, warp_springs
 from ldsim.jit import njit
 
 
@@ -55,6 +55,16 @@ def warp(reference: StepReference, q: Array) -> None:
     model, springs, _, _, series = reference.content
     if len(series.softness) > 0:
         warp_springs(series, model, q, springs)
+
+
+@njit(cache=True, nogil=True)
+def beside(reference: StepReference, q: Array, products: Array, amounts: Array) -> float:
+    """The most that grabs move beside the coordinates of a condensed space at q, (k,), see `most_beside`."""
+    model, springs, _, _, series = reference.content
+    if len(series.softness) == 0:
+        return 0.0
+    warp_springs(series, model, q, springs)
+    return float(most_beside(series, products, amounts))
 
 
 @njit(cache=True, nogil=True)

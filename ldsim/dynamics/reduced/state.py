@@ -135,7 +135,7 @@ class ReducedState:
     @property
     def q(self) -> Array:
         """Outer coordinates, (k,) float64."""
-        return self._field(3)
+        return self.data[3 * self.r : 3 * self.r + self.k]  # read in every step, as z is
 
     @property
     def q_previous(self) -> Array:

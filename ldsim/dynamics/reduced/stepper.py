@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array
-from ldsim.dynamics.reduced.advance import advance, step_reference, warp
+from ldsim.dynamics.reduced.advance import advance, beside, step_reference, warp
 from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.matrices import diagonal_or_whole, leading, reduced_mass, reduced_rest_stiffness
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
@@ -196,14 +196,13 @@ class ReducedStepper:
         return [(law.amounts(force @ A, coupled), A) for law, force, A, coupled in pulls]
 
     def _beside(self, state: ReducedState) -> float:
-        """The most that gravity and grabs can move beside the coordinates, in the mass norm: ‖A d‖ ≤ ‖A‖ ‖d‖."""
+        """The most that gravity and grabs can move beside the coordinates, in the mass norm."""
         workspace, loads = self._workspace(), state.loads
         sag = workspace.sag(loads.gravity)
         if not loads.grabs:
             return sag
-        pulling = self._pulling(state.q, loads)
-        dents = [np.linalg.norm(A) * np.sqrt(f @ C @ f) for (f, A), C in zip(pulling, workspace.dents(), strict=True)]
-        return sag + float(sum(dents))
+        workspace.grab(loads.grabs, loads.gravity)
+        return sag + float(beside(workspace.reference, state.q, workspace.dents(), np.empty(9)))
 
     def coordinates(self, state: ReducedState) -> Array:
         """q and beside it where the pins are, a: (k + l,) float64, the coordinates of `Space.fields`."""

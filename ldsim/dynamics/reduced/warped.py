@@ -26,6 +26,7 @@ from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import cholesky
 from ldsim.dynamics.reduced.potential import Reduced, Springs
 from ldsim.jit import kernel
+from ldsim.mechanics.elastic import PAIRS
 from ldsim.mechanics.materials.tensors import Matrix, product_transposed, signed_svd
 from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, unturned
 from ldsim.space.decoder import REASSOCIATE
@@ -59,6 +60,51 @@ def warp_springs(series: InSeries, model: Reduced, q: Array, springs: Springs) -
         _factorise(series)
     for i in range(series.softness.shape[0]):
         _combine(series, i, springs)
+
+
+@kernel()
+def most_beside(series: InSeries, products: Array, amounts: Array) -> float:
+    """The most that the dents of a state can be, ‖A d‖ ≤ ‖A‖ ‖d‖ in the mass norm, kg^½ m, from what is written for it.
+
+    Args:
+        products: of the fields of each dent in the mass, `Workspace.dents`. amounts: room for `Dent.amounts`, (9,).
+    """
+    total, root, second, forces = 0.0, series.root, series.second, series.forces
+    for g in range(series.warps.shape[0]):
+        A, b, bent = series.warps[g], amounts[:3], series.bent
+        for a in range(3):
+            b[a] = A[0, a] * forces[3 * g] + A[1, a] * forces[3 * g + 1] + A[2, a] * forces[3 * g + 2]
+        for i in range(3):
+            for j in range(3):
+                bent[g, i, j] = second[g, i, j, 0] * b[0] + second[g, i, j, 1] * b[1] + second[g, i, j, 2] * b[2]
+        taken = _limit(root, bent, g)
+        taken *= 1.0 - 0.5 * taken
+        for e in range(6):
+            i, j = PAIRS[e]
+            amounts[3 + e] = (1.0 if i == j else 2.0) * taken * b[i] * b[j]
+        x, y, z = _applied(series.coupled[g], b[0], b[1], b[2])
+        x, y, z = _applied(root[g], x, y, z)
+        x, y, z = _applied(root[g], x, y, z)
+        b[0], b[1], b[2] = b[0] + x, b[1] + y, b[2] + z
+        size, square = 0.0, 0.0
+        for i in range(3):
+            for j in range(3):
+                size += A[i, j] ** 2
+        for i in range(products.shape[1]):
+            for j in range(products.shape[1]):
+                square += amounts[i] * products[g, i, j] * amounts[j]
+        total += math.sqrt(size * max(square, 0.0))
+    return total
+
+
+@kernel()
+def _applied(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """M (x, y, z)."""
+    return (
+        M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
+        M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
+        M[2, 0] * x + M[2, 1] * y + M[2, 2] * z,
+    )
 
 
 @kernel()

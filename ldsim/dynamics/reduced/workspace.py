@@ -36,7 +36,7 @@ class Workspace:
         # of the grabs of a condensed space, and the gravity and stiffnesses that it was made for
         self.series = self._loose = InSeries.none(model.force.shape[0], len(model.squares))
         self._made_for: tuple[Array | None, list[float]] = (None, [])
-        self._dents: list[Array] | None = []
+        self._dents: Array | None = None
         self._sag: tuple[Array | None, float] | None = None
         self.springs = self._springs(())
         self.reference = self._reference()
@@ -68,14 +68,20 @@ class Workspace:
         for i, grab in enumerate(grabs):
             self.series.target[3 * i : 3 * i + 3] = grab.target
 
-    def dents(self) -> list[Array]:
-        """Products in the mass of the fields of each dent, (9, 9) or (3, 3): how far they move a condensed solid."""
+    def dents(self) -> Array:
+        """Products in the mass of the fields of each dent, (g, 9, 9): how far they move a condensed solid.
+
+        Where a dent is linear what is of pairs is zero.
+        """
         compliance, mass = self._space.compliance, self._space.scene.mass
         if self._dents is None and compliance is not None:
-            fields = [compliance.fields(vertices) for vertices in self.held]
-            moved = [np.asarray(mass @ each.reshape(len(each), -1)).reshape(each.shape) for each in fields]
-            self._dents = [np.einsum("nij,nik->jk", *pair) for pair in zip(fields, moved, strict=True)]
-        return self._dents or []
+            self._dents = np.zeros((len(self.held), 9, 9))
+            for products, vertices in zip(self._dents, self.held, strict=True):
+                fields = compliance.fields(vertices)
+                moved = np.asarray(mass @ fields.reshape(len(fields), -1)).reshape(fields.shape)
+                count = fields.shape[2]
+                products[:count, :count] = np.einsum("nij,nik->jk", fields, moved)
+        return np.zeros((0, 9, 9)) if self._dents is None else self._dents
 
     def sag(self, gravity: Array | None) -> float:
         """How far weight moves a condensed solid beside its coordinates, in the mass norm, kg^½ m."""
