@@ -24,7 +24,7 @@ from ldsim.settings import Settings, load_settings
 from ldsim.settings.enrich import current
 from reproduction.harness import PIPELINE, ROOT, Row, called, linked, parser, row, rows_before, show, write_results
 
-NAME, ASKED = "derived", 5.0
+NAME = "derived"
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
 SHARED = ("scene", "snapshots", "tests")
 INPUTS = (*PIPELINE, "ldsim/settings")
@@ -55,15 +55,16 @@ def _call(folder: Path, *arguments: str) -> int:
     return subprocess.run([sys.executable, "-m", "ldsim", *arguments], cwd=folder, check=False).returncode
 
 
-def made(solid: str, folder: Path, frontiers: Path, minutes: float) -> list[Row]:
-    """The rows of one solid."""
+def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float) -> list[Row]:
+    """The rows of one solid; asked is the error, per cent."""
     folder.mkdir(parents=True, exist_ok=True)
     config, started = written(solid, folder), time.perf_counter()
     if (frontiers / solid).is_dir():
         linked(frontiers / solid, folder / "runs" / solid, SHARED)
-    status = _call(folder, "make", config.name, "--error", f"{ASKED:g}%", "--minutes", f"{minutes:g}")
+    status = _call(folder, "make", config.name, "--error", f"{asked:g}%", "--minutes", f"{minutes:g}")
     train, rounds = load_settings(current(config)).train, read_rounds(folder / "runs" / solid)
     rows = [
+        row(solid, "error that was asked for", asked / 100),
         row(solid, "exit status", status),
         row(solid, "time", time.perf_counter() - started, "s"),
         row(solid, "rounds of own runs", train.condensed.rounds),
@@ -101,11 +102,12 @@ def main() -> None:
     arguments.add_argument("solids", nargs="+", choices=SOLIDS, help="which")
     arguments.add_argument("--folder", type=Path, default=Path("runs") / NAME, help="where files and runs lie")
     arguments.add_argument("--frontiers", type=Path, default=Path("runs") / "frontier", help="where those runs lie")
+    arguments.add_argument("--error", type=float, default=5.0, help="per cent, what is asked for")
     arguments.add_argument("--minutes", type=float, default=20.0, help="after which no round is begun")
     given = arguments.parse_args()
     rows = {solid: rows_before(NAME, solid) for solid in SOLIDS}
     for solid in given.solids:
-        rows[solid] = made(solid, given.folder.resolve(), given.frontiers.resolve(), given.minutes)
+        rows[solid] = made(solid, given.folder.resolve(), given.frontiers.resolve(), given.error, given.minutes)
         show(rows[solid], solid)
         joined = [each for some in rows.values() for each in some]
         write_results(NAME, called(NAME), joined, inputs=INPUTS)
