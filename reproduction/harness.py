@@ -254,8 +254,8 @@ def _results(name: str) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write JSON with null for every number that JSON does not know."""
-    text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """Write JSON with null for every number that JSON does not know, and a line for whatever holds nothing nested."""
+    text = _lines(_finite(content)) + "\n"
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -274,6 +274,17 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
+
+
+def _lines(value: Any, margin: str = "\n") -> str:
+    nested = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    if not any(isinstance(each, dict | list) for each in nested):
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    inner = margin + " "
+    if isinstance(value, dict):
+        entries = [f"{json.dumps(key, ensure_ascii=False)}: {_lines(each, inner)}" for key, each in value.items()]
+        return "{" + inner + ("," + inner).join(entries) + margin + "}"
+    return "[" + inner + ("," + inner).join(_lines(each, inner) for each in value) + margin + "]"
 
 
 def checked_out() -> str | None:
