@@ -34,8 +34,9 @@ from ldsim.space.space import Space
 
 # Pulls of a round's own runs for each pose that is taken of them: to step a pull costs less than to relax a pose.
 PULLS = 4
-# Steps of the fit before a round, as a share of those of the last one: where it goes matters, not by how much.
-EXPLORING = 0.25
+# Before a round the fit has this share of the steps of the last one, and layers at most so wide: where it goes matters,
+# not by how much. So wider layers come to the same poses, which are relaxed once (`ldsim make --error`).
+EXPLORING, NARROW = 0.25, 48
 
 
 def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOptions, progress: Progress) -> StoredModel:
@@ -58,7 +59,7 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     for number in range(options.condensed.rounds):
         work.explore(number)
     work.tell_lost()
-    found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps)
+    found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps, options.hidden)
     space = Space.condensed(run.scene, basis, (found.decoder, found.encoder), found.potential)
     return _stored(run, better_swinging(run, space, work.relaxation, options.condensed.modes, progress), found.loss, z)
 
@@ -90,13 +91,15 @@ class _Work:
     def explore(self, number: int) -> None:
         """Run what can be fitted so far under loads like those of the motions, and relax poses that it comes to."""
         have, count = self.z, self.options.condensed.explored
-        # who asks for more rounds goes on from these
-        options = self.options.replace(condensed=self.options.condensed.replace(rounds=0))
+        condensed = self.options.condensed
+        hidden = tuple(min(width, NARROW) for width in self.options.hidden)
+        # who asks for more rounds, or wider layers, goes on from these
+        options = self.options.replace(hidden=hidden, condensed=condensed.replace(rounds=0))
         digest = hashlib.sha256(have.tobytes() + repr((number, options)).encode()).hexdigest()
         store = TrainingStore(self.partial, f"explored{number}", digest)
         kept = store.load()
         if kept is None:
-            found, basis = self.fit(number + 1, int(EXPLORING * self.options.condensed.steps))
+            found, basis = self.fit(number + 1, int(EXPLORING * condensed.steps), hidden)
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
             z = self._own_frames(space, number)
             root = energy_root(self.relaxation)
@@ -115,7 +118,7 @@ class _Work:
             q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // count)
         return np.ascontiguousarray(q[:, : space.r])  # the decoder gives z back first
 
-    def fit(self, number: int, steps: int) -> tuple[Condensed, Basis]:
+    def fit(self, number: int, steps: int, hidden: tuple[int, ...]) -> tuple[Condensed, Basis]:
         """Fit to all poses relaxed so far, for the first, second … time; with the columns that the decoder moves."""
         title = f"train: fit {number} of {self.options.condensed.rounds + 1}"
         with self.progress.bar(title, steps, "step") as bar:
@@ -127,7 +130,7 @@ class _Work:
                 bar.reach(step)
 
             condensed = self.options.condensed.model_copy(update={"steps": steps})
-            options = self.options.model_copy(update={"condensed": condensed})
+            options = self.options.model_copy(update={"condensed": condensed, "hidden": hidden})
             samples = _samples(self.pieces, slaved, self.relaxation)
             found = fit_condensed(samples, _moduli(self.run, options), options, watch)
         return found, _columns(self.relaxation.coordinates, found.decoder, slaved)

@@ -94,8 +94,8 @@ class Experiment:
             place[last] = value
         self.configure(content)
 
-    def invoke(self, command: str) -> Result:
-        return CliRunner().invoke(main, [command, str(self.config), "--runs", str(self.folder / "runs")])
+    def invoke(self, command: str, *flags: str) -> Result:
+        return CliRunner().invoke(main, [command, str(self.config), "--runs", str(self.folder / "runs"), *flags])
 
     def finished(self) -> dict[str, str]:
         """Every finished file of the run with the hash of what it holds."""

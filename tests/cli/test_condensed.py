@@ -266,6 +266,21 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
     assert not (again.run / "model.partial").exists()
 
 
+def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again = Experiment(tmp_path)
+    monkeypatch.setattr(condense, "NARROW", 6)
+    again.configure(CONDENSED | {"train": CONDENSED["train"] | {"hidden": [8]}})
+    assert again.invoke("train", "--keep").exit_code == 0
+    monkeypatch.setattr(relaxed_poses.ChosenPoses, "relaxed", lambda *_: pytest.fail("a pose was relaxed again"))
+    again.configure(CONDENSED | {"train": CONDENSED["train"] | {"hidden": [20]}})
+    assert again.invoke("train").exit_code == 0
+    with Run(again.run) as run:
+        assert run.model.decoder.layers.sizes[1] == 20
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
