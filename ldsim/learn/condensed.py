@@ -99,8 +99,6 @@ def fit_condensed(
     losses = []
     for step in range(options.condensed.steps):
         loss = fit.step(step)
-        if not math.isfinite(loss):
-            raise SolverError(f"the loss of the condensed space is {loss} in step {step}; relax more poses")
         if (step + 1) % max(options.condensed.steps // JUDGED, 1) == 0:
             losses.append((loss, fit.error(fit.kept_back)))
             watch(step + 1, *losses[-1])
@@ -164,13 +162,23 @@ class _Fit:
         return loss
 
     def _gradient(self, batch: Indices, v: Numbers, one: Indices) -> tuple[float, list[Numbers]]:
-        """The mean loss of some poses along directions v and of so many directions each, and its gradient."""
-        found, tape = self.model.derivatives(self.y[batch], v, self.directions[batch, one], self.model.strains())
+        """The mean loss of some poses along directions v and one of those at each, and its gradient.
+
+        Raises:
+            SolverError: the loss is not finite, or the strain maps have become singular.
+        """
+        try:
+            strains = self.model.strains()
+        except np.linalg.LinAlgError:
+            raise SolverError("the strain maps of the condensed space have become singular; relax more poses") from None
+        found, tape = self.model.derivatives(self.y[batch], v, self.directions[batch, one], strains)
         loss, counts = self._loss(found, batch, v, one)
+        if not math.isfinite(loss):
+            raise SolverError(f"the loss of the condensed space is {loss}; relax more poses")
         return loss, self.model.gradient(tape, counts)
 
-    def _loss(self, found: Derivatives, poses: Indices, v: Numbers, way: Indices) -> tuple[float, Derivatives]:
-        """The mean over some poses, and what it changes by with each of the derivatives."""
+    def _loss(self, found: Derivatives, poses: Indices, v: Numbers, one: Indices) -> tuple[float, Derivatives]:
+        """The mean over some poses, and its gradient by each of the derivatives."""
         y, softness, floors = self.y[poses], self.softness[poses], self.floors
         moved = np.matvec(softness, found.force - self.force[poses])
         image = np.matvec(self.hessian[poses], v)
@@ -178,7 +186,7 @@ class _Fit:
             (1.0, moved, y, floors[0]),
             (HESSIAN, found.image - image, image, floors[1]),
             (SLAVED, found.slaved - self.slaved[poses], self.slaved[poses], floors[2]),
-            (TANGENTS, found.along - self.along[poses, way], self.along[poses, way], floors[3]),
+            (TANGENTS, found.along - self.along[poses, one], self.along[poses, one], floors[3]),
         )
         losses, counts = zip(*(_relative(*term) for term in terms), strict=True)
         return sum(losses), Derivatives(np.matvec(softness, counts[0]), *counts[1:])
@@ -199,7 +207,7 @@ class _Fit:
         out = np.concatenate([np.ones(m), spread])
         weights[-1] = np.hstack([np.zeros((len(weights[-1]), r)), weights[-1] * out])
         biases[-1] = np.concatenate([np.zeros(r), biases[-1] * out])
-        skip = np.hstack([np.eye(r), -F @ model.at_rest()[1] * out])
+        skip = np.hstack([np.eye(r), -F @ model.at_rest() * out])
         skip[:, r + m :] += self.samples.rest_slaved
         decoder = Decoder.network(weights, biases, self.options.activation, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])
@@ -221,7 +229,7 @@ def _single(values: Array) -> Numbers:
 
 
 def _relative(weight: float, wrong: Numbers, wanted: Numbers, floor: float) -> tuple[float, Numbers]:
-    """Of ‖wrong‖ / (‖wanted‖ + floor) the weighted mean over a batch, outliers once and not squared; and its slope."""
+    """The weighted mean of ‖wrong‖ / (‖wanted‖ + floor), where outliers count once, not squared; and its gradient."""
     scale = (np.linalg.norm(wanted, axis=1) + floor) ** 2
     share = np.sqrt((wrong**2).sum(axis=1) / scale + SMALL**2)
     return weight * float(share.mean()), (weight / len(wrong) / (scale * share))[:, None] * wrong

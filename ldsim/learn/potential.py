@@ -2,8 +2,9 @@
 
 A fit asks for the force ∇V_eff, its change along a direction, the slaved pose and its change along another. Each is
 written out, changes carried forwards and forces backwards through the layers, and so is the gradient of a loss of them,
-which goes the same ways back. As operations of torch the same numbers took three times as long, most of it between the
-operations (docs/notebook/2026-11-26-making.md, "Fits without torch").
+which goes the same ways back: what is named counted there, or begins with on_, is the gradient of the loss by
+something. As operations of torch the same numbers took twice as long, most of it between the operations
+(docs/notebook/2026-11-26-making.md, "Fits without torch").
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ import torch
 from scipy.linalg import solve_triangular
 
 from ldsim.arrays import Numbers
-from ldsim.jit import kernel
 from ldsim.learn.network import layers, perceptron
 from ldsim.learn.options import TrainOptions
-from ldsim.learn.stress import stresses, stresses_back
-from ldsim.space.activation import ACTIVATIONS, activate, slope
+from ldsim.learn.passes import pass_back, pass_back_adjoint, pass_out, pass_out_adjoint
+from ldsim.learn.stress import stresses, stresses_adjoint
+from ldsim.space.activation import ACTIVATIONS
 
 
 class Derivatives(NamedTuple):
-    """What a fit compares, or how much each counts.
+    """What a fit compares; or the gradient of its loss by these.
 
     Attributes:
         force: ∇V_eff, and image, its change along v, (b, r).
@@ -134,7 +135,7 @@ class PotentialNetwork:
         return drawn.in_precision(np.float64)
 
     def in_precision(self, dtype: type[np.floating]) -> PotentialNetwork:
-        """A copy with arrays of another type, in which all is then computed."""
+        """A copy with arrays of another type, which all that is made of them then has too."""
 
         def copied(array: Numbers) -> Numbers:
             return np.array(array, dtype=dtype, order="C")
@@ -146,19 +147,18 @@ class PotentialNetwork:
     @property
     def features(self) -> int:
         """How many learned functions of y the points see beside it, m."""
-        return len(self.maps.T) - len(self.tangents)
+        return int(self.maps.shape[1]) - len(self.tangents)
 
     @property
     def parameters(self) -> list[Numbers]:
         """All that is learned; the gradient has the same order."""
         return [*self.weights, *self.biases, self.maps, self.logarithms]
 
-    def at_rest(self) -> tuple[Numbers, Numbers]:
-        """What the network gives for y = 0, (m + k,), and its Jacobian there, (r, m + k)."""
+    def at_rest(self) -> Numbers:
+        """The Jacobian of the network for y = 0, (r, m + k)."""
         none = np.zeros((0, len(self.tangents)))
-        _, last = self._outwards(none, none, none)
-        out = last @ self.weights[-1]
-        return out[0] + self.biases[-1], out[1:]
+        found: Numbers = self._outwards(none, none, none)[1][1:] @ self.weights[-1]
+        return found
 
     def strains(self) -> Strains:
         """The strain maps as they are learned, with the leading columns made such that rest is exact."""
@@ -171,7 +171,7 @@ class PotentialNetwork:
         rows *= np.sqrt(weights)[:, None, None]
         rows = rows.reshape(10 * c, r)
         root = np.linalg.cholesky(rows.T @ rows)
-        leading = solve_triangular(root, self.maps[:, :r].T, lower=True).T
+        leading = solve_triangular(root, self.maps[:, :r].T, lower=True, check_finite=False).T
         return Strains(np.hstack([leading, self.maps[:, r:]]), weights, rows, root)
 
     def derivatives(self, y: Numbers, v: Numbers, w: Numbers, strains: Strains) -> tuple[Derivatives, Tape]:
@@ -179,7 +179,7 @@ class PotentialNetwork:
         (b, r), m = y.shape, self.features
         passed, last = self._outwards(y, v, w)
         out = last @ self.weights[-1]
-        value, moved = out[: b + 1] + self.biases[-1], out[b + 1 :]
+        value, moved = out[: b + 1], out[b + 1 :]  # the last bias drops out, for what is at rest is taken off
         J = moved[2 * b :]
         tangents = self.tangents - J[:, m:] * self.spread
         slaved = (value[:b, m:] - value[b, m:]) * self.spread + y @ tangents
@@ -194,7 +194,7 @@ class PotentialNetwork:
         back, backs = forces[:, r:] @ self.weights[-1][:, :m].T, list[tuple[Numbers, Numbers]]()
         for layer, W in zip(reversed(passed), reversed(self.weights[:-1]), strict=True):
             passing = np.empty_like(back)
-            _pass_back(back, layer.slope, layer.curvature, layer.moved, passing)
+            pass_back(back, layer.slope, layer.curvature, layer.moved, passing)
             backs.append((back, passing))
             back = passing @ W.T
         found = forces[:, :r] + back - forces[:, r:] @ J[:, :m].T
@@ -202,36 +202,36 @@ class PotentialNetwork:
         return Derivatives(found[:b], found[b:], slaved, along), tape
 
     def gradient(self, tape: Tape, counts: Derivatives) -> list[Numbers]:
-        """What a loss changes by with each of the parameters.
+        """That of a loss by each of the parameters.
 
         Args:
-            counts: what the loss changes by with each of the derivatives.
+            counts: by each of the derivatives.
         """
         (y, v, w), m, spread, J = tape.inputs, self.features, self.spread, tape.at_rest
         (b, r), W, weights = y.shape, self.weights, [np.zeros_like(each) for each in self.weights]
         G, forces = tape.strains.maps, tape.forces
-        # the way back through the layers, backwards: from y to f
+        # the adjoint of the way back through the layers, from y to f
         counted = np.concatenate([counts.force, counts.image])
         J_features = -counted.T @ forces[:, r:]
         on_forces = np.hstack([counted, -counted @ J])
-        bent = list[tuple[Numbers, Numbers]]()
+        beside = list[tuple[Numbers, Numbers]]()
         for i, ((back, passing), layer) in enumerate(zip(tape.backs, tape.layers, strict=True)):
             weights[i] += counted.T @ passing
             on_passing, counted = counted @ W[i], np.empty_like(back)
             on_value, on_moved = np.empty_like(back[:b]), np.empty_like(back[:b])
-            _pass_back_counted(
+            pass_back_adjoint(
                 on_passing, back, (layer.slope, layer.curvature, layer.third), layer.moved, counted, on_value, on_moved
             )
-            bent.append((on_value, on_moved))
+            beside.append((on_value, on_moved))
         weights[-1][:, :m] += counted.T @ forces[:, r:]
         on_forces[:, r:] += counted @ W[-1][:, :m]
         # the points
         on_weighted = on_forces @ G.T
         maps = _weighted(tape.stressed, tape.strains.weights).T @ on_forces
         logarithms = np.einsum("bsi,bsi->s", *(x.reshape(2 * b, -1, 9) for x in (on_weighted, tape.stressed)))
-        on_strained = stresses_back(tape.strained, self.ratio, _weighted(on_weighted, tape.strains.weights))
+        on_strained = stresses_adjoint(tape.strained, self.ratio, _weighted(on_weighted, tape.strains.weights))
         maps += on_strained.T @ tape.both
-        on_f = (on_strained @ G)[:, r:]
+        on_f = on_strained @ G[:, r:]
         # the last layer: values of poses and rest, changes along v and w and those of rest
         on_out = np.zeros((3 * b + 1 + r, m + len(spread)), dtype=G.dtype)
         scaled, changed = counts.slaved * spread, counts.along * spread
@@ -240,35 +240,38 @@ class PotentialNetwork:
         on_out[b + 1 : 2 * b + 1, :m], on_out[2 * b + 1 : 3 * b + 1, m:] = on_f[b:], changed
         on_out[3 * b + 1 :, :m] = J_features - y.T @ on_f[:b] - v.T @ on_f[b:]
         on_out[3 * b + 1 :, m:] = -y.T @ scaled - w.T @ changed
-        # the way out through the layers, backwards
-        biases = [on_out[: b + 1].sum(axis=0)]
+        # that of the way out through the layers
+        biases = [np.zeros_like(self.biases[-1])]
         weights[-1] += tape.last.T @ on_out
         for i in range(len(tape.layers) - 1, -1, -1):
             layer, on_after = tape.layers[i], on_out @ W[i + 1].T
             on_out = np.empty_like(on_after)
-            _pass_out_counted(on_after, layer.slope, layer.curvature, layer.moved, bent[i], on_out)
+            pass_out_adjoint(on_after, layer.slope, layer.curvature, layer.moved, beside[i], on_out)
             weights[i] += layer.before.T @ on_out
             biases.append(on_out[: b + 1].sum(axis=0))
         learned, others = self._of_maps(tape.strains, maps)
         return [*weights, *biases[::-1], learned, logarithms * tape.strains.weights + others]
 
     def _of_maps(self, strains: Strains, counted: Numbers) -> tuple[Numbers, Numbers]:
-        """What a loss changes by with the learned maps and with the logarithms, by what it does with G, (9c, r + m)."""
+        """The gradient of a loss by the learned maps and by the logarithms, from that by G, (9c, r + m)."""
         r, c, C = len(self.tangents), len(self.ratio), strains.root
+
         # G = M C⁻ᵀ, with C as Murray 2016 (arXiv 1602.07527, Sec. 3) differentiates it
-        on_learned = solve_triangular(C, counted[:, :r].T, lower=True, trans=1).T
-        on_root = np.tril(-solve_triangular(C, counted[:, :r].T, lower=True, trans=1) @ strains.maps[:, :r])
-        inner = np.tril(C.T @ on_root)
+        def solved(right: Numbers) -> Numbers:
+            """C⁻ᵀ of columns."""
+            found: Numbers = solve_triangular(C, right, lower=True, trans=1, check_finite=False)
+            return found
+
+        inner = -np.tril(counted[:, :r].T @ strains.maps[:, :r])
         inner[np.diag_indices(r)] *= 0.5
-        half = solve_triangular(C, inner, lower=True, trans=1)
-        on_hessian = solve_triangular(C, half.T, lower=True, trans=1).T
+        on_hessian = solved(solved(inner).T).T
         on_rows = strains.rows @ (on_hessian + on_hessian.T)
         by_point = (on_rows * strains.rows).reshape(c, -1).sum(axis=1)
         on_rows = on_rows.reshape(c, 10, r) * np.sqrt(strains.weights)[:, None, None]
         on_strain = math.sqrt(2) * on_rows[:, :9].reshape(c, 3, 3, r)
         learned = 0.5 * (on_strain + on_strain.transpose(0, 2, 1, 3))
         learned[:, range(3), range(3)] += (np.sqrt(self.ratio)[:, None] * on_rows[:, 9])[:, None]
-        return np.hstack([on_learned + learned.reshape(-1, r), counted[:, r:]]), 0.5 * by_point
+        return np.hstack([solved(counted[:, :r].T).T + learned.reshape(-1, r), counted[:, r:]]), 0.5 * by_point
 
     def _outwards(self, y: Numbers, v: Numbers, w: Numbers) -> tuple[list[_Layer], Numbers]:
         """Through all layers but the last; the rows that come to it, see `_Layer`."""
@@ -278,7 +281,7 @@ class PotentialNetwork:
             x = rows @ W
             slope, curvature, third = (np.empty_like(x[: b + 1]) for _ in range(3))
             moved = x[b + 1 :].copy()
-            _pass_out(ACTIVATIONS[self.activation], bias, moved, (slope, curvature, third), x)
+            pass_out(ACTIVATIONS[self.activation], bias, moved, (slope, curvature, third), x)
             passed.append(_Layer(rows, moved, slope, curvature, third))
             rows = x
         return passed, rows
@@ -286,96 +289,5 @@ class PotentialNetwork:
 
 def _weighted(rows: Numbers, weights: Numbers) -> Numbers:
     """Times the weight of each point, (2b, 9c)."""
-    return np.ascontiguousarray((rows.reshape(len(rows), -1, 9) * weights[:, None]).reshape(rows.shape))
-
-
-@kernel()
-def _curvatures(kind: int, y: float) -> tuple[float, float]:
-    """Second and third derivative of an activation in terms of its value y, as `slope` has the first."""
-    if kind == 0:
-        return (0.0, 0.0) if y > 0.0 else (y + 1.0, y + 1.0)
-    if kind == 1:
-        return 0.0, 0.0
-    if kind == 2:
-        s = 1.0 - y * y
-        return -2.0 * y * s, s * (6.0 * y * y - 2.0)
-    s = y * (1.0 - y)
-    return s * (1.0 - 2.0 * y), s * (1.0 - 6.0 * s)
-
-
-@kernel()
-def _pass_out(
-    kind: int, bias: Numbers, moved: Numbers, derivatives: tuple[Numbers, Numbers, Numbers], x: Numbers
-) -> None:
-    """The activation of rows x, of poses and rest, in place, its derivatives there, and below it the changes."""
-    slopes, curvatures, thirds = derivatives
-    poses, n = slopes.shape
-    for i in range(poses):
-        for j in range(n):
-            x[i, j] += bias[j]
-        activate(kind, x[i])
-        for j in range(n):
-            slopes[i, j] = slope(kind, x[i, j])
-            curvatures[i, j], thirds[i, j] = _curvatures(kind, x[i, j])
-    for i in range(moved.shape[0]):
-        at = _pose_of(i, poses)
-        for j in range(n):
-            x[poses + i, j] = moved[i, j] * slopes[at, j]
-
-
-@kernel()
-def _pose_of(i: int, poses: int) -> int:
-    """Whose change the i-th is: along v and along w of each pose but the last, which is rest, and then of that."""
-    return i % (poses - 1) if i < 2 * (poses - 1) else poses - 1
-
-
-@kernel()
-def _pass_back(back: Numbers, slope: Numbers, curvature: Numbers, moved: Numbers, out: Numbers) -> None:
-    """Forces on what an activation gives, and their changes along v, to those on what it is given."""
-    b = back.shape[0] // 2
-    for i in range(b):
-        for j in range(back.shape[1]):
-            s, change = slope[i, j], curvature[i, j] * moved[i, j]
-            out[i, j] = back[i, j] * s
-            out[b + i, j] = back[b + i, j] * s + back[i, j] * change
-
-
-@kernel()
-def _pass_back_counted(
-    counted: Numbers,
-    back: Numbers,
-    derivatives: tuple[Numbers, Numbers, Numbers],
-    moved: Numbers,
-    on_back: Numbers,
-    on_value: Numbers,
-    on_moved: Numbers,
-) -> None:
-    """`_pass_back` backwards: what a loss changes by with what came in, the value and its change along v."""
-    slope, curvature, third = derivatives
-    b = back.shape[0] // 2
-    for i in range(b):
-        for j in range(back.shape[1]):
-            s, k, t = slope[i, j], curvature[i, j], moved[i, j]
-            first, other = counted[i, j], counted[b + i, j]
-            on_back[i, j] = first * s + other * k * t
-            on_back[b + i, j] = other * s
-            on_change = other * back[i, j]
-            on_value[i, j] = (first * back[i, j] + other * back[b + i, j]) * k + on_change * third[i, j] * t
-            on_moved[i, j] = on_change * k
-
-
-@kernel()
-def _pass_out_counted(
-    counted: Numbers, slope: Numbers, curvature: Numbers, moved: Numbers, bent: tuple[Numbers, Numbers], out: Numbers
-) -> None:
-    """`_pass_out` backwards, with what the way back adds to poses and to their changes along v."""
-    on_value, on_moved = bent
-    poses, n = slope.shape
-    for i in range(poses):
-        for j in range(n):
-            out[i, j] = counted[i, j] * slope[i, j] + (on_value[i, j] if i < poses - 1 else 0.0)
-    for i in range(moved.shape[0]):
-        at = _pose_of(i, poses)
-        for j in range(n):
-            out[at, j] += counted[poses + i, j] * moved[i, j] * curvature[at, j]
-            out[poses + i, j] = counted[poses + i, j] * slope[at, j] + (on_moved[i, j] if i < poses - 1 else 0.0)
+    found: Numbers = (rows.reshape(len(rows), -1, 9) * weights[:, None]).reshape(rows.shape)
+    return found

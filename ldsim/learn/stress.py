@@ -1,4 +1,4 @@
-"""The stress of stable neo-Hookean points and its change, and what a loss changes by with what they are given.
+"""The stress of stable neo-Hookean points and its change, and the gradient of a loss through them.
 
 Ψ is Eq. 14 of Smith et al. 2018 with the Lamé parameters of small strains (Sec. 3.4).
 """
@@ -28,8 +28,8 @@ def stresses(strains: Numbers, ratio: Numbers) -> Numbers:
     return found
 
 
-def stresses_back(strains: Numbers, ratio: Numbers, counted: Numbers) -> Numbers:
-    """What a loss changes by with the strains, (2b, 9c), by what it does with `stresses` of them."""
+def stresses_adjoint(strains: Numbers, ratio: Numbers, counted: Numbers) -> Numbers:
+    """The gradient of a loss by the strains, (2b, 9c), from that by `stresses` of them."""
     found = np.empty_like(strains)
     _backwards(strains, ratio, counted, found)
     return found

@@ -102,18 +102,18 @@ class Motion:
         if lengths - {self.frames}:
             raise MotionError(f"motion {self.name!r} has {self.frames} frames, its paths {sorted(lengths)}")
 
-    def active(self, frame: int) -> list[int]:
-        """The drags that pull in a frame, by number."""
-        return self._active[frame] if 0 <= frame < self.frames else []
+    def active(self, frame: int) -> tuple[int, ...]:
+        """The drags that pull in a frame, by number; none outside of the motion's frames."""
+        return self._active[frame] if 0 <= frame < self.frames else ()
 
     @cached_property
-    def _active(self) -> list[list[int]]:
+    def _active(self) -> list[tuple[int, ...]]:
         # once for all frames: a motion of a thousand pulls would look at each of them in every frame
         found: list[list[int]] = [[] for _ in range(self.frames)]
         for i, drag in enumerate(self.drags):
             for frame in range(drag.start, min(drag.stop, self.frames)):
                 found[frame].append(i)
-        return found
+        return [*map(tuple, found)]
 
     def first(self, frames: int) -> Motion:
         """Its first frames, or all where there are fewer."""

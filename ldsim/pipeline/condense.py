@@ -35,7 +35,7 @@ from ldsim.space.space import Space
 # Pulls of a round's own runs for each pose that is taken of them: to step a pull costs less than to relax a pose.
 PULLS = 4
 # Before a round the fit has this share of the steps of the last one, and layers at most so wide: where it goes matters,
-# not by how much. So wider layers come to the same poses, which are relaxed once (`ldsim make --error`).
+# not by how much. So wider layers alone come to the same poses, which are relaxed once (`ldsim make --error`).
 EXPLORING, NARROW = 0.25, 48
 
 

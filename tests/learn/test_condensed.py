@@ -136,3 +136,34 @@ def test_a_wrong_force_counts_by_how_far_it_moves_the_solid_held() -> None:
     np.testing.assert_allclose(found, np.sort(expected, axis=1), rtol=1e-5)
     moved = fit.softness[0] @ np.linalg.eigh(fit.hessian[0])[1]
     assert np.linalg.norm(moved[:, 0]) > 20 * np.linalg.norm(moved[:, 1])
+
+
+def test_the_gradient_of_the_loss_is_that_of_differences() -> None:
+    fit = _Fit(samples(20), (np.arange(POINTS), MU, LAM), OPTIONS)
+    for name in ("y", "force", "hessian", "softness", "slaved", "along", "directions"):
+        setattr(fit, name, getattr(fit, name).astype(np.float64))
+    fit.model, rng = fit.model.in_precision(np.float64), np.random.default_rng(2)
+    batch, v, one = rng.integers(20, size=7), rng.normal(size=(7, R)), rng.integers(2, size=7)
+    for parameter in fit.model.parameters:
+        parameter += 0.1 * rng.normal(size=parameter.shape)
+    _, gradient = fit._gradient(batch, v, one)
+    h = 1e-6
+    for parameter, slope in zip(fit.model.parameters, gradient, strict=True):
+        direction = rng.normal(size=parameter.shape)
+        parameter += h * direction
+        above, _ = fit._gradient(batch, v, one)
+        parameter -= 2 * h * direction
+        change = (above - fit._gradient(batch, v, one)[0]) / (2 * h)
+        parameter += h * direction
+        assert (slope * direction).sum() == pytest.approx(change, rel=1e-5, abs=1e-7)
+
+
+def test_a_loss_that_is_not_finite_and_maps_that_are_singular_are_told() -> None:
+    fit = _Fit(samples(20), (np.arange(POINTS), MU, LAM), OPTIONS)
+    fit.model.weights[0][:] = np.nan
+    with pytest.raises(SolverError, match="the loss of the condensed space is nan; relax more poses"):
+        fit.step(0)
+    fit = _Fit(samples(20), (np.arange(POINTS), MU, LAM), OPTIONS)
+    fit.model.maps[:] = 0.0
+    with pytest.raises(SolverError, match="strain maps of the condensed space have become singular"):
+        fit.step(0)

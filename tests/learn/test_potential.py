@@ -10,7 +10,7 @@ from ldsim.arrays import Array
 from ldsim.learn.network import ACTIVATIONS as TORCH
 from ldsim.learn.options import CondensedOptions, TrainOptions
 from ldsim.learn.potential import Derivatives, PotentialNetwork
-from ldsim.learn.stress import MATERIAL, stresses, stresses_back
+from ldsim.learn.stress import MATERIAL, stresses, stresses_adjoint
 from ldsim.mechanics.materials import material_number
 from ldsim.mechanics.materials.kernels import energy, energy_stress
 from ldsim.space.activation import ACTIVATIONS
@@ -129,4 +129,4 @@ def test_the_change_of_the_stress_and_the_way_back_are_those_of_differences() ->
     weights, direction = strains(1), strains(2)
     forwards, backwards = (stresses(at + s * h * direction, RATIO) for s in (1, -1))
     expected = (weights * (forwards - backwards)).sum() / (2 * h)
-    assert (stresses_back(at, RATIO, weights) * direction).sum() == pytest.approx(expected, rel=1e-6)
+    assert (stresses_adjoint(at, RATIO, weights) * direction).sum() == pytest.approx(expected, rel=1e-6)

@@ -58,14 +58,14 @@ def test_a_drag_reaches_as_far_as_it_is_allowed_and_no_farther() -> None:
 
 def test_a_drag_is_active_from_its_start_for_as_many_frames_as_it_has_targets() -> None:
     motion = Motion("two", 8, (drag(1, frames=3), drag(2, frames=4)))
-    assert [motion.active(frame) for frame in range(8)] == [[], [0], [0, 1], [0, 1], [1], [1], [], []]
+    assert [motion.active(frame) for frame in range(8)] == [(), (0,), (0, 1), (0, 1), (1,), (1,), (), ()]
     assert [each.stop for each in motion.drags] == [4, 6]
-    assert motion.active(-1) == motion.active(8) == []
+    assert motion.active(-1) == motion.active(8) == ()
 
 
 def test_a_drag_may_last_longer_than_its_motion() -> None:
     motion = Motion("cut", 3, (drag(1, frames=4),))
-    assert [motion.active(frame) for frame in range(4)] == [[], [0], [0], []]
+    assert [motion.active(frame) for frame in range(4)] == [(), (0,), (0,), ()]
 
 
 def test_the_first_frames_of_a_motion_have_what_begins_within_them() -> None:

@@ -25,7 +25,7 @@ class InSeries(NamedTuple):
         target: (3g,), metres, to be written.
         warps, inverses: A and F⁻¹ of each, (g, 3, 3).
         shares: how much of N is taken, (g,).
-        coupled, bent, changes: of that N z, of D f₀ what is taken, and both, (g, 3, 3), m/N.
+        coupled, bent, changes: of that N z, all of D f₀, and what is taken of both, (g, 3, 3), m/N.
         bodies: f₀ = Aᵀ f in the solid's frame at rest, (g, 3), N.
         aside: ½ A D(f₀, f₀), (3g,), metres.
         forces, dents: f of all springs, (3g,), N, and A d, (3g,), metres.

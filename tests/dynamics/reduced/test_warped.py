@@ -17,7 +17,7 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.script import rotations
 from ldsim.space.compliance import LEAST_STRETCH, warp
 from ldsim.space.space import Space
-from tests.runtime.problems import condensed
+from tests.runtime.problems import condensed, with_linear_dents
 
 TURN = rotations(np.array([1.0, 2.0, 2.0]) / 3, np.array([0.7]))[0]
 
@@ -106,9 +106,13 @@ def test_the_deformation_gradient_at_a_grab_is_that_of_an_affine_map(space: Spac
     np.testing.assert_allclose((x @ F.T + [1.0, 2.0, 3.0]).T @ compliance.arms(np.array([5, 8])), F, atol=1e-12)
 
 
+@pytest.mark.parametrize("linear", [False, True])
 @pytest.mark.parametrize("gravity", [None, (0.0, 4.0, -20.0)])
-def test_how_far_the_solid_is_is_bounded_by_what_costs_less(space: Space, gravity: tuple[float, ...] | None) -> None:
-    """In the states of a motion that takes hold, pulls at two places, and lets go."""
+def test_how_far_the_solid_is_is_bounded_by_what_costs_less(
+    space: Space, gravity: tuple[float, ...] | None, linear: bool
+) -> None:
+    """In the states of a motion that takes hold, pulls at two places, and lets go; dents of either law."""
+    space = with_linear_dents() if linear else space
     stepper, other = ReducedStepper(space), Grab(np.arange(30, 34), space.scene.mesh.vertices[31] + 0.02, 50.0)
     acting = None if gravity is None else np.array(gravity)
     pull = held(space, (0.05, 0.06, -0.03)).grabs
