@@ -61,8 +61,6 @@ def warp(reference: StepReference, q: Array) -> None:
 def beside(reference: StepReference, q: Array, products: Array, amounts: Array) -> float:
     """The most that grabs move beside the coordinates of a condensed space at q, (k,), see `most_beside`."""
     model, springs, _, _, series = reference.content
-    if len(series.softness) == 0:
-        return 0.0
     warp_springs(series, model, q, springs)
     return float(most_beside(series, products, amounts))
 
