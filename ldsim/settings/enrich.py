@@ -20,7 +20,7 @@ from ldsim.artefacts.training import remove_checkpoints
 from ldsim.pipeline.convergence import Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
-from ldsim.settings.make import StageFailed, make
+from ldsim.settings.make import StageFailed, Staleness, make
 
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, it gets more points too.
 POOR = 0.5
@@ -142,7 +142,7 @@ def enrich(
     begun, asked, seconds = time.monotonic(), percent / 100, math.inf if minutes is None else 60 * minutes
     few = MARGIN * asked
     folder = runs / load_settings(config).experiment
-    rounds = read_rounds(folder) if current(config) != config else []
+    rounds = read_rounds(folder) if current(config) != config or _made(config, runs) else []
     make(current(config), runs, BEFORE, say)  # no round does this again, so what rounds take is without it
     seconds -= time.monotonic() - begun
     surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
@@ -162,6 +162,13 @@ def enrich(
     if surrogate.take_best() <= few:
         remove_checkpoints(folder / "model.partial")
     return rounds
+
+
+def _made(config: Path, runs: Path) -> bool:
+    """Whether the latent space that lies there is that of the configuration itself, which no round has extended."""
+    settings = load_settings(config)
+    with Run(runs / settings.experiment, settings.experiment) as run:
+        return not Staleness(run, settings, config.parent).stale("train")
 
 
 def _kept(run: Run, suffix: str = "h5") -> Path:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import load_settings, settings_of
 from ldsim.settings.enrich import MOST, current, enrich, extended, write_enriched
-from ldsim.settings.make import StageFailed
+from ldsim.settings.make import StageFailed, Staleness
 
 CONTENT = {
     "experiment": "part",
@@ -238,6 +238,17 @@ def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: 
     ]
 
 
+@pytest.mark.parametrize(("stale", "seconds"), [({}, 40.0), ({"train": "train.r changed"}, 5.0)])
+def test_a_call_again_knows_the_round_that_nothing_extended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stale: dict[str, str], seconds: float
+) -> None:
+    """Its model lies there; made anew, it is another round. What it took tells how many more there is time for."""
+    enriched(tmp_path, monkeypatch, [0.3], minutes=1.0, seconds=40.0)
+    enriched(tmp_path, monkeypatch, [0.3, 0.2], minutes=0.0, seconds=5.0, stale=stale)
+    found = read_rounds(tmp_path / "runs" / "part")
+    assert [(each.error, each.seconds) for each in found] == [(0.3, seconds)]
+
+
 def test_wider_layers_that_did_not_help_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(MadeRun, "missed", 0.1)
     _, first = enriched(tmp_path, monkeypatch, [0.1, 0.2], minutes=1.0, seconds=29.0)
@@ -312,10 +323,12 @@ def enriched(
     errors: Sequence[float | Exception],
     minutes: float | None = None,
     seconds: float = 0,
+    stale: Mapping[str, str] = MappingProxyType({"train": "train.r changed"}),
 ) -> tuple[list[str], list[str]]:
     """Rounds with these errors, each of so many seconds: the configurations that stages ran on, and what was said.
 
-    A round that has an exception for its error ends by it, before its model is written.
+    A round that has an exception for its error ends by it, before its model is written. What is stale is so for the
+    configuration itself, without what rounds came to.
     """
     config, run, made, told = folder / "part.yaml", folder / "runs" / "part", list[str](), list[str]()
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
@@ -333,6 +346,7 @@ def enriched(
 
     left = list(errors)
     monkeypatch.setattr("ldsim.settings.enrich.make", make)
+    monkeypatch.setattr(Staleness, "stale", lambda *_: stale)
     monkeypatch.setattr("ldsim.settings.enrich.Run", MadeRun)
     monkeypatch.setattr("ldsim.settings.enrich.pull_errors", lambda run: np.array([0.01, left.pop(0)]))
     clock = SimpleNamespace(monotonic=lambda: seconds * len(made))
