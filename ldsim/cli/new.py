@@ -20,4 +20,5 @@ def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:
         click.echo(line)
-    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path} --error 5% --play`")
+    there = "" if runs == Path("runs") else f" --runs {runs}"
+    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path}{there} --error 5% --play`")

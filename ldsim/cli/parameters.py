@@ -60,7 +60,7 @@ def asked_options(function: Callable[..., None]) -> Callable[..., None]:
         type=Finite(min=0),
         default=20.0,
         show_default=True,
-        help="Begin no round that would end later.",
+        help="From the call on; no round begins that would end later.",
     )
     step = click.option("--step", type=Finite(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower.")
     experiment = click.option("--experiment", help="Refuse a configuration of another experiment (for the Makefile).")

@@ -56,7 +56,7 @@ class FitOptions(Options):
 class VirtualOptions(Options):
     """How virtual points are fitted: points with strain maps of their own."""
 
-    points: Annotated[int, Field(ge=0, description="Most virtual points of the latent rule; 0 for none.")] = 24
+    points: Annotated[int, Field(ge=0, description="Most virtual points of an autoencoder's rule; 0 for none.")] = 24
     linear_points: Annotated[
         int | None, Field(ge=0, description="The same for the linear rules; left out, as many as for the latent one.")
     ] = None
@@ -65,7 +65,10 @@ class VirtualOptions(Options):
     ] = 5000
     closures: Annotated[
         tuple[Share, ...],
-        Field(min_length=1, description="Shares of the true poses' forces to fit to; the best online is kept."),
+        Field(
+            min_length=1,
+            description="Shares of the true poses' forces to fit to; the largest of those about best online.",
+        ),
     ] = (0.0, 1.0)
     steps: Annotated[int, Field(ge=1, description="Of Adam.")] = 5000
     batch: Annotated[int, Field(ge=1, description="States in one gradient.")] = 256

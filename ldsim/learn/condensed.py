@@ -165,17 +165,24 @@ class _Fit:
         """The mean loss of some poses along directions v and one of those at each, and its gradient.
 
         Raises:
-            SolverError: the loss is not finite, or the strain maps have become singular.
+            SolverError: the loss is not finite.
         """
-        try:
-            strains = self.model.strains()
-        except np.linalg.LinAlgError:
-            raise SolverError("the strain maps of the condensed space have become singular; relax more poses") from None
-        found, tape = self.model.derivatives(self.y[batch], v, self.directions[batch, one], strains)
+        found, tape = self.model.derivatives(self.y[batch], v, self.directions[batch, one], self._strains())
         loss, counts = self._loss(found, batch, v, one)
         if not math.isfinite(loss):
             raise SolverError(f"the loss of the condensed space is {loss}; relax more poses")
         return loss, self.model.gradient(tape, counts)
+
+    def _strains(self) -> Strains:
+        """Those of V_eff as it is now.
+
+        Raises:
+            SolverError: its maps have become singular.
+        """
+        try:
+            return self.model.strains()
+        except np.linalg.LinAlgError:
+            raise SolverError("the strain maps of the condensed space have become singular; relax more poses") from None
 
     def _loss(self, found: Derivatives, poses: Indices, v: Numbers, one: Indices) -> tuple[float, Derivatives]:
         """The mean over some poses, and its gradient by each of the derivatives."""
@@ -194,7 +201,7 @@ class _Fit:
     def error(self, poses: Indices) -> float:
         """‖λ_fit − λ‖ / ‖λ‖ in energy coordinates, the median over some poses."""
         y, force = self.y[poses], self.force[poses]
-        found = self.model.derivatives(y, 0 * y, 0 * y, self.model.strains())[0].force
+        found = self.model.derivatives(y, 0 * y, 0 * y, self._strains())[0].force
         return float(np.median(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)))
 
     def result(self, loss: Array) -> Condensed:

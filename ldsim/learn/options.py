@@ -42,7 +42,7 @@ class CondensedOptions(Options):
     columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
     steps: Annotated[int, Field(ge=1, description="Gradients of the fit.")] = 8000
     modes: Annotated[
-        int, Field(ge=0, description="Slowest modes beside z; they swing if motions are a tenth less off so.")
+        int, Field(ge=0, description="Slowest modes beside z, which may swing: where motions are a tenth less off.")
     ] = 48
 
 
@@ -57,7 +57,7 @@ class TrainOptions(Options):
 
     r: Annotated[
         int | None,
-        Field(ge=1, description="Latent dimension; left out, the smallest within tolerance_mm, or that is enough."),
+        Field(ge=1, description="Latent dimension; left out, the fewest that hold the training motions."),
     ] = None
     tolerance_mm: Annotated[
         Positive, Field(description="Largest vertex error that the search of an autoencoder allows, mm.")

@@ -98,7 +98,9 @@ def _restarted(stepper: ReducedStepper, reference: Reference, restarts: Sequence
         state = stepper.rest() if start is None else start
         for frame in simulate(stepper, motion, start, range(first, stop), held):
             if frame.lost:  # this window alone: its last good shape is held to its end, and judged there
-                yield from (frame._replace(number=i, state=state, lost=False) for i in range(frame.number, stop))
+                solution = frame.solution._replace(reason=Reason.INFINITE_START)  # as all frames of a run that is lost
+                held_still = frame._replace(state=state, solution=solution, lost=False)
+                yield from (held_still._replace(number=i) for i in range(frame.number, stop))
                 break
             state = frame.state
             yield frame

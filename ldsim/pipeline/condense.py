@@ -37,6 +37,8 @@ PULLS = 4
 # Before a round the fit has this share of the steps of the last one, and layers at most so wide: where it goes matters,
 # not by how much. So wider layers alone come to the same poses, which are relaxed once (`ldsim make --error`).
 EXPLORING, NARROW = 0.25, 48
+# A symmetric strain's independent entries: fewer points could not tell all coordinates apart.
+STRAINS = 6
 
 
 def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOptions, progress: Progress) -> StoredModel:
@@ -53,6 +55,11 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     """
     _refuse(run, 1 if options.r is None else options.r)
     chosen = needed_coordinates(run, options.r, progress)
+    r, points = chosen.shape[1], options.condensed.points
+    if (least := -(-r // STRAINS)) > points:
+        raise SettingsError(
+            f"train.condensed.points is {points}; allowed are {least} or more, for {r} coordinates have as many strains"
+        )
     z = q @ chosen
     work = _Work(run, Relaxation(run.scene, combined(run.basis, chosen)), options, progress)
     work.relax("relaxed", z, displacement, options.condensed.poses)

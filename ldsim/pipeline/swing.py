@@ -43,11 +43,15 @@ def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, 
     best = other if math.prod(errors[1]) < WORTH ** len(roles) * math.prod(errors[0]) else space
     words = "swing" if best is other else "are kept from swinging"
     off = ", ".join(
-        f"{100 * swung:.2g} % off on {role} motions where they swing, {100 * kept:.2g} % where not"
+        f"{_words(swung)} on {role} motions where they swing, {_words(kept)} where not"
         for role, kept, swung in zip(roles, *errors, strict=True)
     )
     progress.tell(f"note: {count} modes beside the coordinates {words}: {off}")
     return best
+
+
+def _words(error: float) -> str:
+    return f"{100 * error:.2g} % off" if error < math.inf else "lost"
 
 
 def online_error(run: Run, space: Space, names: Sequence[str], update: Callable[[], object]) -> float:

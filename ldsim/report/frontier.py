@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldsim.pipeline.choice_of_space import NEARLY, Standing, judging, standings
+from ldsim.pipeline.options import SimulateOptions
 from ldsim.report.figure import MARKERS, Axis, Figure, Series
 from ldsim.report.runs import runs
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.report.wording import counted, readable
-from ldsim.run import Run
+from ldsim.run import AUTO, Run
 
 MS_PER_S = 1000.0
 
@@ -72,10 +73,11 @@ def advice(run: Run) -> list[str]:
         return []
     rival = _rival(use, found)
     beside = f"; {_measured(run, rival)}" if rival is not None else ""
-    return [
-        f"For this solid use {_measured(run, use)}, on the {ROLE_NAMES[roles[names[0]]]} motions{beside}. Chosen as "
-        f"the fastest within {NEARLY:g} times the least error."
-    ]
+    on = f"on the {ROLE_NAMES[roles[names[0]]]} motions{beside}."
+    if SimulateOptions.of_dump(run.header("simulation").settings).space != AUTO:
+        return [f"As simulate.space says, used is {_measured(run, use)}, {on}"]
+    least = f"Chosen as the fastest within {NEARLY:g} times the least error."
+    return [f"For this solid use {_measured(run, use)}, {on} {least}"]
 
 
 def _rival(use: Standing, found: Sequence[Standing]) -> Standing | None:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.cubature.options import CubatureOptions
-from ldsim.learn.options import TrainOptions
+from ldsim.learn.options import CondensedOptions, TrainOptions
+from ldsim.pipeline.options import MeshOptions
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
 from ldsim.report.wording import readable
@@ -22,6 +23,10 @@ POOR = 0.03
 FALLING, BY_HEART = 0.95, 10.0
 # An error that is stated of fresh motions is bad beyond this.
 STATED = 0.05
+# Layers are advised to be twice as wide, up to this.
+WIDEST = 128
+# It has a finite energy where it is turned inside out.
+FINITE = "stable_neo_hookean"
 # A windowed error so much smaller says that the whole one is drift.
 DRIFT = 3.0
 
@@ -31,6 +36,7 @@ class Facts:
     """What advice is drawn from: the numbers of the report, the options that made them, and the losses, (epochs, 2)."""
 
     numbers: RunNumbers
+    mesh: MeshOptions
     pca: PcaOptions
     train: TrainOptions
     cubature: CubatureOptions
@@ -39,9 +45,10 @@ class Facts:
     @classmethod
     def of(cls, run: Run, numbers: RunNumbers) -> Facts:
         """Those of a finished run."""
-        settings = {kind: run.header(kind).settings for kind in ("basis", "model", "cubature")}
+        settings = {kind: run.header(kind).settings for kind in ("scene", "basis", "model", "cubature")}
         return cls(
             numbers,
+            MeshOptions.of_dump(settings["scene"]),
             PcaOptions.of_dump(settings["basis"]),
             TrainOptions.of_dump(settings["model"]),
             CubatureOptions.of_dump(settings["cubature"]),
@@ -69,6 +76,18 @@ class Facts:
         least = min((each for each in moved if each is not None), default=None)
         return error is not None and least is not None and error > POOR * least
 
+    @property
+    def condensed(self) -> bool:
+        """Whether poses are held by what is slaved to the coordinates, and not by the columns of PCA alone."""
+        return self.train.kind == "condensed"
+
+    @property
+    def wider(self) -> str | None:
+        """Layers twice as wide, as a setting; None where they are as wide as is advised."""
+        widths = [max(min(2 * width, WIDEST), width) for width in self.train.hidden]
+        now = list(self.train.hidden)
+        return f"train.hidden to {widths} (now {now})" if widths != now else None
+
     def cost(self, first: str) -> str:
         """The time of a stage and of all that follow it, as they took."""
         stages = self.numbers.stages
@@ -82,7 +101,7 @@ def remedies(facts: Facts) -> list[str]:
 
 
 def _basis_too_small(facts: Facts) -> str | None:
-    if not facts.poor("pca_k"):
+    if facts.condensed or not facts.poor("pca_k"):
         return None
     k = facts.numbers.dims.k or 0
     return (
@@ -92,10 +111,17 @@ def _basis_too_small(facts: Facts) -> str | None:
 
 
 def _network_too_small(facts: Facts) -> str | None:
-    if not facts.poor("autoencoder") or facts.poor("pca_k"):
+    if not facts.poor("autoencoder") or (facts.poor("pca_k") and not facts.condensed):
         return None
     options, r = facts.train, facts.numbers.dims.r or 0
-    if options.kind == "autoencoder" and _still_falling(facts.loss):
+    if facts.condensed:
+        more = min(_more(r, 1.4), facts.numbers.dims.kp or r)  # of the columns of the basis
+        turns = [facts.wider] if facts.wider else []
+        turns += [f"train.r to {more} (now {r})"] if more > r else []
+        if not turns:
+            return None
+        return f"The latent space does not hold the training poses: set {', or '.join(turns)}; {facts.cost('train')}."
+    if _still_falling(facts.loss):
         return (
             f"The training loss is still falling: set train.epochs to {2 * options.epochs} (now {options.epochs}); "
             f"{facts.cost('train')}, and the training twice as long."
@@ -111,18 +137,20 @@ def _unseen(facts: Facts) -> str | None:
     unseen = facts.bad(training=False) is not None or facts.stated > STATED
     if not unseen or facts.bad(training=True) is not None or facts.poor("autoencoder"):
         return None
-    if facts.train.kind == "condensed" and facts.numbers.rounds:
+    if facts.condensed and facts.numbers.rounds:
+        longest = max(each.seconds or 0.0 for each in facts.numbers.rounds)
         return (
-            "The motions that it learned from do not show what the others do, and the time of `ldsim make --error` was "
-            "up: call it again with a longer `--minutes`, and it goes on where it ended; its last round took "
-            f"{_duration(facts.numbers.rounds[-1].seconds or 0.0)}."
+            "The latent space is not good enough for motions that it did not learn from: call `ldsim make --error` "
+            "again, for a smaller error where the pulls kept aside held it, and with `--minutes` for another round; it "
+            f"goes on where it ended, and its longest round took {_duration(longest)}."
         )
-    if facts.train.kind == "condensed":
+    if facts.condensed:
         rounds = facts.train.condensed.rounds
+        turns = [facts.wider] if facts.wider else []
+        turns.append(f"train.condensed.rounds to {rounds + 2} (now {rounds})")
         return (
-            "The motions that it learned from do not show what the others do: let it learn from more of its own runs, "
-            f"set train.condensed.rounds to {rounds + 2} (now {rounds}), or `ldsim make CONFIG --error 5%`, which goes "
-            f"on until that holds; {facts.cost('train')}."
+            "The latent space is not good enough for motions that it did not learn from: `ldsim make CONFIG --error 5%`"
+            f" extends it until that holds; or set {', then '.join(turns)}; {facts.cost('train')}."
         )
     snapshot = facts.numbers.stages.get("snapshot")
     seconds = snapshot.seconds if snapshot is not None and snapshot.seconds else 0.0
@@ -148,13 +176,11 @@ def _forces(facts: Facts) -> str | None:
     """Off on training motions whose poses it holds: what is wrong is the forces."""
     if facts.bad(training=True) is None or facts.poor("autoencoder"):
         return None
-    options = facts.cubature
-    if facts.train.kind == "condensed":
-        return (
-            "The forces are wrong, not the shapes: set train.condensed.poses to "
-            f"{2 * facts.train.condensed.poses} (now {facts.train.condensed.poses}) and train.condensed.points to "
-            f"{_more(facts.train.condensed.points, 1.5)}; {facts.cost('train')}."
-        )
+    options, condensed = facts.cubature, facts.train.condensed
+    if facts.condensed:
+        turns = [facts.wider] if facts.wider else []
+        turns += [f"train.condensed.{name} to {2 * n} (now {n})" for name, n in _sizes(condensed).items()]
+        return f"The forces are wrong, not the shapes: set {' and '.join(turns)}; {facts.cost('train')}."
     return (
         f"The forces are wrong, not the shapes: set cubature.tolerance to {options.tolerance / 2:.2g} (now "
         f"{options.tolerance:g}) and cubature.max_points to {2 * options.max_points}; {facts.cost('cubature')}."
@@ -176,14 +202,16 @@ def _diverged(facts: Facts) -> str | None:
     lost = [run.motion for run in facts.numbers.simulate.latent if run.diverged]
     if not lost:
         return None
-    if facts.train.kind == "condensed":
+    if facts.condensed:
         rounds = facts.train.condensed.rounds
         stage, turn = "train", f"train.condensed.rounds to {rounds + 2} (now {rounds})"
     else:
         stage, turn = "cubature", f"cubature.tolerance to {facts.cubature.tolerance / 2:.2g}"
+    model = facts.mesh.material.model
+    finite = "" if model == FINITE else f"mesh.material.model to {FINITE} (now {model}), which stays finite, or "
     return (
-        f"The latent run of {lost[0]} was lost: set {turn}, a material that stays finite (mesh.material.model: "
-        f"stable_neo_hookean), or a smaller mesh.time_step; {facts.cost(stage)}."
+        f"The latent run of {lost[0]} was lost: set {turn}; {facts.cost(stage)}. Or set {finite}mesh.time_step to "
+        f"{facts.mesh.time_step / 2:g} (now {facts.mesh.time_step:g}); {facts.cost('mesh')}."
     )
 
 
@@ -224,6 +252,11 @@ def displacement(run: MotionRun) -> float | None:
     if error is None or not error.relative or error.mean_mm is None:
         return None
     return error.mean_mm / error.relative
+
+
+def _sizes(condensed: CondensedOptions) -> dict[str, int]:
+    """How much V_eff can do."""
+    return {"points": condensed.points, "features": condensed.features}
 
 
 def _still_falling(loss: Array) -> bool:

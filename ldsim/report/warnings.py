@@ -122,7 +122,7 @@ def _changed_material(run: Run) -> list[str]:
         return []
     return [
         "The motions were simulated with another material than the snapshots have (simulate.material), so there is no "
-        "full-space run to judge them by; basis, autoencoder and cubature are those of the old material."
+        "full-space run to judge them by; basis, model and cubature are those of the old material."
     ]
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.training import remove_checkpoints
-from ldsim.pipeline.convergence import Round, improved, pull_errors, read_rounds, write_rounds
+from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
 from ldsim.settings.make import StageFailed, Staleness, make
@@ -50,7 +50,6 @@ class Enriched:
         earlier: the rounds of a call before; where it was not interrupted, it ended at its best one.
 
     Attributes:
-        repeats: whether the first evaluation is of the last of these rounds.
         least: the smallest error of a round so far; infinite where there is none.
     """
 
@@ -58,11 +57,7 @@ class Enriched:
         self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[Round] = ()
     ) -> None:
         self._given, self._runs, self._asked, self._make = config, runs, asked, make
-        errors = [math.inf if each.error is None else each.error for each in earlier]
-        # a call that was not interrupted: its last round is evaluated again, or the best one, to which it went back
-        ended = len(earlier) > 0 and not earlier[-1].changed
-        self.repeats = ended and errors[-1] == min(errors)
-        self._errors = errors[:-1] if self.repeats else errors
+        self._errors = errors = [_error(each) for each in earlier]
         self._changed = next((each.changed for each in reversed(earlier) if each.changed), "")
         self._best, self.least, self._at_best = load_settings(current(config)), math.inf, True
         with self._run(self._best) as run:
@@ -93,11 +88,12 @@ class Enriched:
             return ""
         with self._run(settings) as run:
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
+            columns = run.basis.k
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
         last, _, to = self._changed.partition(" ")
         # the best round, to which a call went back, has fewer coordinates than were tried
         r = max(r, int(to)) if last == COORDINATES else r
-        changed, words = extended(settings, r, poor_fit, last, helped)
+        changed, words = extended(settings, r, columns, poor_fit, last, helped)
         if words:
             write_enriched(self._given, changed)
             self._at_best, self._changed = False, words
@@ -137,19 +133,23 @@ def enrich(
         StageFailed: a stage before the first round or in it ended with an error, which it has told.
         SettingsError: no motion has the role validation.
     """
+    folder = runs / load_settings(config).experiment
+    rounds, made = _before(config, runs)
+    if not rounds:
+        (folder / ROUNDS).unlink(missing_ok=True)
     if percent is None:
         return []
     begun, asked, seconds = time.monotonic(), percent / 100, math.inf if minutes is None else 60 * minutes
-    few = MARGIN * asked
-    folder = runs / load_settings(config).experiment
-    rounds = read_rounds(folder) if current(config) != config or _made(config, runs) else []
+    few, known = MARGIN * asked, None
     make(current(config), runs, BEFORE, say)  # no round does this again, so what rounds take is without it
     seconds -= time.monotonic() - begun
+    if made:  # the round that was least off, to which a call that ended goes back
+        known = min(rounds, key=_error).seconds
+        if _error(rounds[-1]) == min(map(_error, rounds)):
+            rounds.pop()
     surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
     try:
-        for each in improved(surrogate, few, seconds):
-            if surrogate.repeats:  # its model is there: what it took is what it took then
-                each, surrogate.repeats = each.replace(seconds=rounds.pop().seconds), False
+        for each in improved(surrogate, few, seconds, known=known):
             rounds.append(each)
             say(each.line(len(rounds), asked, few))
             write_rounds(folder, rounds)
@@ -164,11 +164,20 @@ def enrich(
     return rounds
 
 
-def _made(config: Path, runs: Path) -> bool:
-    """Whether the latent space that lies there is that of the configuration itself, which no round has extended."""
-    settings = load_settings(config)
+def _before(config: Path, runs: Path) -> tuple[list[Round], bool]:
+    """The rounds of calls before, and whether the latent space that they came to lies there; none of another solid."""
+    rounds, settings = read_rounds(runs / load_settings(config).experiment), load_settings(current(config))
+    if not rounds:
+        return [], False
     with Run(runs / settings.experiment, settings.experiment) as run:
-        return not Staleness(run, settings, config.parent).stale("train")
+        stale = Staleness(run, settings, config.parent).stale("train")
+    # one that was interrupted in a round has said what that changes, but not trained it
+    interrupted = current(config) != config and set(stale) == {"train"}
+    return (rounds, not stale and not rounds[-1].changed) if not stale or interrupted else ([], False)
+
+
+def _error(of: Round) -> float:
+    return math.inf if of.error is None else of.error
 
 
 def _kept(run: Run, suffix: str = "h5") -> Path:
@@ -176,11 +185,11 @@ def _kept(run: Run, suffix: str = "h5") -> Path:
     return run.folder / f"model.best.{suffix}"
 
 
-def extended(settings: Settings, r: int, poor_fit: bool, last: str, helped: bool) -> tuple[Settings, str]:
+def extended(settings: Settings, r: int, columns: int, poor_fit: bool, last: str, helped: bool) -> tuple[Settings, str]:
     """A condensed space that can do more, and what is different; no words where nothing is left to change.
 
     Args:
-        r: the coordinates that it has, or the most that were tried.
+        r: the coordinates that it has, or the most that were tried. columns: of the basis, and so the most there are.
         poor_fit: whether V_eff misses poses that it was not fitted to.
         last: which of `ORDER` was changed last; empty where none was.
         helped: whether that made the error smaller.
@@ -199,7 +208,7 @@ def extended(settings: Settings, r: int, poor_fit: bool, last: str, helped: bool
         if what == OWN_RUNS:
             more = condensed.rounds + MORE
             return settings.replace(train=train.replace(condensed=condensed.replace(rounds=more))), f"{what} {more}"
-        if what == COORDINATES and (more := min(r + FURTHER, MOST, settings.pca.k or MOST)) > r:
+        if what == COORDINATES and (more := min(r + FURTHER, MOST, columns)) > r:
             return settings.replace(train=train.replace(r=more)), f"{what} {more}"
     return settings, ""
 

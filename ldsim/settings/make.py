@@ -16,6 +16,7 @@ from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
 from ldsim.dynamics.reduced import advance
 from ldsim.jit import are_kept
 from ldsim.options import Options
+from ldsim.pipeline.convergence import read_rounds
 from ldsim.pipeline.files import file_sums
 from ldsim.report.schema import check_report
 from ldsim.run import Run
@@ -126,6 +127,8 @@ class Staleness:
         made = found["made_from"]
         if not (self._run.folder / REPORT.with_suffix(".html")).is_file():
             return f"{REPORT.with_suffix('.html')} is missing"
+        if found["rounds"] != [each.model_dump() for each in read_rounds(self._run.folder)]:
+            return "there were more rounds of learning"
         same = self._of_settings(made["settings"], self._settings.report)
         return same or self._of_inputs(STAGES[-1], made["inputs"], stale)
 

@@ -131,7 +131,7 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
     assert len(found.squares) == (4 if better else 0) and (found is space) != better
     (line,) = told
     assert line.startswith("note: 4 modes beside the coordinates " + ("swing" if better else "are kept"))
-    assert "2.2 % off on train motions where they swing, 2 % where not" in line
+    assert "2.2 % off on train motions where they swing, 2 % off where not" in line
 
 
 def test_how_far_a_space_is_off_is_told_of_all_frames_together(condensed: Experiment) -> None:
@@ -286,6 +286,10 @@ def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(
     [
         ({"train": {"kind": "condensed", "r": 7}}, "train.r is 7; allowed are 1 … 6"),
         ({"pca": {"k": 6, "inner_product": "euclidean"}}, "needs pca.inner_product: mass"),
+        (
+            {"pca": {"k": 8}, "train": {"kind": "condensed", "r": 7, "condensed": {"points": 1}}},
+            "train.condensed.points is 1; allowed are 2 or more",
+        ),
         ({"train": {"kind": "condense"}}, "train.kind"),
     ],
 )

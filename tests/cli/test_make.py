@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from ldsim.cli.app import main
 from ldsim.learn.options import TrainOptions
+from ldsim.pipeline.convergence import Round, write_rounds
 from ldsim.settings import STAGES, load_settings
 from ldsim.settings.make import changed_settings
 from tests.cli.experiments import TINY, WRITES, Experiment, refused
@@ -132,6 +133,16 @@ def test_an_error_that_is_asked_for_is_compared_with_the_statement(experiment: E
     assert CliRunner().invoke(main, [*arguments, "1e6"]).exit_code == 0
     result = CliRunner().invoke(main, [*arguments, "0.001"])
     assert result.exit_code == 3 and "asked were 0.001 %" in result.stderr
+
+
+def test_what_was_not_made_is_not_judged(experiment: Experiment) -> None:
+    arguments = ["make", str(experiment.config), "--runs", str(experiment.folder / "runs"), "--until", "simulate"]
+    assert CliRunner().invoke(main, [*arguments, "--step", "1e-9"]).exit_code == 0
+
+
+def test_a_report_that_has_not_seen_the_last_rounds_is_made_anew(experiment: Experiment) -> None:
+    write_rounds(experiment.run, [Round(error=0.1, pulls=3, seconds=2.0, changed="")])
+    assert stale(experiment) == {"report": "there were more rounds of learning"}
 
 
 def with_files(experiment: Experiment) -> None:

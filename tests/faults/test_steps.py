@@ -195,6 +195,15 @@ def test_a_window_that_cannot_start_costs_itself_alone() -> None:
     assert math.isfinite(float(made.seconds.sum()))
 
 
+def test_a_window_that_flies_off_counts_as_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its steps converge, far away; the last good shape is held."""
+    monkeypatch.setattr("ldsim.dynamics.simulate.FARTHEST", 1e-12)
+    body = solid(1)
+    reference = Reference(Motion("falls", 4), {}, lambda start, stop: np.zeros((stop - start, body.mesh.n_vertices, 3)))
+    made = run_reduced(ReducedStepper(reduced_space(body, modes(body))), reference, restarts=(0, 2))
+    assert (made.reason == Reason.INFINITE_START).all() and np.isfinite(made.coordinates).all()
+
+
 def test_a_pair_of_almost_no_curvature_is_forgotten() -> None:
     """Row 17: one with a cosine of 10⁻¹⁰ would have stretched the next direction by as much."""
     s, y = np.array([1.0, 0.0]), np.array([1e-10, 1.0])

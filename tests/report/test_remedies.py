@@ -10,6 +10,7 @@ import pytest
 
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
+from ldsim.pipeline.options import MeshOptions
 from ldsim.report.remedies import Facts, remedies
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import Settings
@@ -35,10 +36,16 @@ def good() -> Report:
 CHAIN = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
 
-def facts(report: Report, train: TrainOptions | None = None, loss: object = None) -> Facts:
+def facts(
+    report: Report, train: TrainOptions | None = None, loss: object = None, material: str = "neo_hookean"
+) -> Facts:
     losses = np.full((100, 2), 0.01) if loss is None else np.asarray(loss, dtype=np.float64)
     numbers = RunNumbers.model_validate(report)
-    return Facts(numbers, PcaOptions(), train or TrainOptions(), CubatureOptions(), losses)
+    mesh = MeshOptions.model_validate(MESH | {"material": {"model": material, "youngs_modulus": 1e5}})
+    return Facts(numbers, mesh, PcaOptions(), train or TrainOptions(), CubatureOptions(), losses)
+
+
+MESH = {"shape": {"name": "beam"}, "pins": [{"slab": {"axis": "x", "thickness": 0.01}}], "time_step": 0.01}
 
 
 def test_where_all_is_well_there_is_no_advice() -> None:
@@ -89,16 +96,18 @@ ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, objec
     "basis": ([poor("pca_k", "autoencoder")], None, None, "pca.k", "set pca.k to 90 (now 60)"),
     "latent size": ([poor("autoencoder")], None, None, "train.r", "set train.r to 14 (now 10)"),
     "epochs": ([poor("autoencoder")], None, FALLING, "train.epochs", "set train.epochs to 800 (now 400)"),
-    "condensed size": ([poor("autoencoder")], CONDENSED, FALLING, "train.r", "set train.r to 14 (now 10)"),
+    "condensed size": ([poor("autoencoder")], CONDENSED, FALLING, "train.r", "or train.r to 14 (now 10)"),
+    "condensed basis": ([poor("autoencoder", "pca_k")], CONDENSED, None, "train.hidden", "to [128, 128] (now [100, 1"),
     "motions": ([error("test", 0.4, 0.3)], None, None, "snapshot.motions", "as many pulls again take 2 min"),
     "rounds": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
-    "stated": ([stated], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
-    "rounds ended": ([stated, rounds_ended], CONDENSED, None, "--minutes", "its last round took 7 min"),
+    "stated": ([stated], CONDENSED, None, "train.hidden", "set train.hidden to [128, 128] (now [100, 100]), then"),
+    "rounds ended": ([stated, rounds_ended], CONDENSED, None, "--minutes", "its longest round took 7 min"),
     "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.tolerance", "tolerance to 0.018 (now 0.035)"),
-    "condensed forces": ([error("train", 0.4, 0.3)], CONDENSED, None, "train.condensed.points", "points to 36"),
+    "condensed forces": ([error("train", 0.4, 0.3)], CONDENSED, None, "train.condensed.points", "points to 48 (now"),
     "points": ([few_points], None, None, "cubature.max_points", "set cubature.max_points to 300 (now 150)"),
     "by heart": ([], None, [[0.01, 0.5]] * 100, "train.hidden", "set train.hidden to [50, 50] (now [100, 100])"),
     "lost": ([lost], None, None, "cubature.tolerance", "The latent run of x_2 was lost"),
+    "lost while it is stepped": ([lost], None, None, "mesh.time_step", "to 0.005 (now 0.01); mesh and what"),
     "condensed lost": ([lost], CONDENSED, None, "train.condensed.rounds", "The latent run of x_2 was lost"),
     "drift": ([error("test", 0.4, 0.05)], None, None, "drift", "it is 5.00 %"),
     "lasting drift": ([error("test", 40.0, 1.2)], None, None, "drift", "it is 120 %"),
@@ -113,6 +122,16 @@ def test_each_bad_number_brings_its_row(row: str) -> None:
         change(report)
     found = [text for text in remedies(facts(report, train, loss)) if setting in text]
     assert found and words in found[0]
+
+
+def test_what_is_set_already_is_not_advised() -> None:
+    report = good()
+    lost(report)
+    assert "mesh.material.model to stable_neo_hookean (now neo_hookean)" in remedies(facts(report))[0]
+    assert "mesh.material.model" not in remedies(facts(report, material="stable_neo_hookean"))[0]
+    poor("autoencoder", "pca_k")(report)
+    report["dims"] |= {"r": 10, "kp": 10}
+    assert not any("train.r" in text or "pca.k" in text for text in remedies(facts(report, CONDENSED)))
 
 
 def test_costs_are_those_that_the_stages_took() -> None:

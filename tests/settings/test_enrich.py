@@ -6,16 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
-from ldsim.settings import load_settings, settings_of
+from ldsim.settings import Settings, load_settings, settings_of
 from ldsim.settings.enrich import MOST, current, enrich, extended, write_enriched
-from ldsim.settings.make import StageFailed, Staleness
+from ldsim.settings.make import StageFailed
 
 CONTENT = {
     "experiment": "part",
@@ -85,37 +85,37 @@ def test_a_model_that_is_lost_is_extended_and_said_to_be_lost() -> None:
 
 def test_wider_layers_come_first_and_then_more_of_its_own_runs() -> None:
     settings = settings_of(CONTENT, "a test")
-    wider, words = extended(settings, 10, poor_fit=False, last="", helped=True)
+    wider, words = extended(settings, 10, 40, poor_fit=False, last="", helped=True)
     assert wider.train == settings.train.replace(hidden=(64, 128)) and words == "train.hidden [64, 128]"
-    more, words = extended(wider, 10, poor_fit=False, last="train.hidden", helped=True)
+    more, words = extended(wider, 10, 40, poor_fit=False, last="train.hidden", helped=True)
     assert more.train == wider.train.replace(condensed=settings.train.condensed.replace(rounds=3))
     assert words == "train.condensed.rounds 3"
     for helped in (True, False):  # as often as it helps
-        again = extended(more, 10, poor_fit=False, last="train.condensed.rounds", helped=helped)[1]
+        again = extended(more, 10, 40, poor_fit=False, last="train.condensed.rounds", helped=helped)[1]
         assert again == ("train.condensed.rounds 5" if helped else "train.r 14")
 
 
 def test_a_potential_that_misses_poses_gets_more_points_with_the_wider_layers() -> None:
-    wider, words = extended(settings_of(CONTENT, "a test"), 10, poor_fit=True, last="", helped=True)
+    wider, words = extended(settings_of(CONTENT, "a test"), 10, 40, poor_fit=True, last="", helped=True)
     assert (wider.train.hidden, wider.train.condensed.points, wider.train.condensed.features) == ((64, 128), 40, 12)
     assert words == "train.hidden [64, 128], condensed.features 12, condensed.points 40"
 
 
 def test_what_did_not_help_is_not_tried_again_and_coordinates_come_last() -> None:
     settings = settings_of(CONTENT, "a test")
-    assert extended(settings, 10, False, "train.hidden", helped=False)[1] == "train.condensed.rounds 3"
-    more, words = extended(settings, 10, False, "train.condensed.rounds", helped=False)
+    assert extended(settings, 10, 40, False, "train.hidden", helped=False)[1] == "train.condensed.rounds 3"
+    more, words = extended(settings, 10, 40, False, "train.condensed.rounds", helped=False)
     assert more.train == settings.train.replace(r=14) and words == "train.r 14"
-    assert extended(settings, 22, False, "train.r", helped=True)[1] == f"train.r {MOST}"
-    assert extended(settings, MOST, False, "train.r", helped=True) == (settings, "")
-    assert extended(settings, 14, False, "train.r", helped=False)[1] == "train.r 18"
+    assert extended(settings, 22, 40, False, "train.r", helped=True)[1] == f"train.r {MOST}"
+    assert extended(settings, MOST, 40, False, "train.r", helped=True) == (settings, "")
+    assert extended(settings, 14, 40, False, "train.r", helped=False)[1] == "train.r 18"
 
 
 def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_path: Path) -> None:
     config = tmp_path / "part.yaml"
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
     assert current(config) == config
-    more, _ = extended(load_settings(config), 10, poor_fit=False, last="", helped=True)
+    more, _ = extended(load_settings(config), 10, 40, poor_fit=False, last="", helped=True)
     place = write_enriched(config, more)
     assert place == tmp_path / "part.enriched.yaml" == current(config)
     assert load_settings(place) == more
@@ -149,6 +149,7 @@ class MadeRun:
 
     def __init__(self, folder: Path, experiment: str) -> None:
         self.folder = folder
+        self.basis = SimpleNamespace(k=40)
         self.model = SimpleNamespace(loss=np.array([[0.1, self.missed]]), decoder=SimpleNamespace(r=10))
 
     def path(self, kind: str) -> Path:
@@ -238,15 +239,25 @@ def test_a_call_again_does_more_of_what_had_helped(tmp_path: Path, monkeypatch: 
     ]
 
 
-@pytest.mark.parametrize(("stale", "seconds"), [({}, 40.0), ({"train": "train.r changed"}, 5.0)])
-def test_a_call_again_knows_the_round_that_nothing_extended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stale: dict[str, str], seconds: float
+def test_a_call_again_begins_no_round_for_which_there_is_no_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its model lies there; made anew, it is another round. What it took tells how many more there is time for."""
-    enriched(tmp_path, monkeypatch, [0.3], minutes=1.0, seconds=40.0)
-    enriched(tmp_path, monkeypatch, [0.3, 0.2], minutes=0.0, seconds=5.0, stale=stale)
+    """Its first evaluation makes nothing; what the round before it took tells whether there is time for another."""
+    for minutes, more in ((1.0, ["part.yaml"]), (0.5, []), (0.7, ["part.enriched.yaml"])):
+        made, _ = enriched(tmp_path, monkeypatch, [0.3, 0.2], minutes=minutes, seconds=40.0)
+        assert made == more
     found = read_rounds(tmp_path / "runs" / "part")
-    assert [(each.error, each.seconds) for each in found] == [(0.3, seconds)]
+    assert [(each.error, each.seconds) for each in found] == [(0.3, 40.0), (0.2, 40.0)]
+
+
+def test_rounds_of_another_solid_are_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the configuration is the same, and whether an error is asked for or not."""
+    enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
+    another = {"mesh": "part.stl changed", "train": "mesh comes before it"}
+    enriched(tmp_path, monkeypatch, [0.2], minutes=0.0, seconds=5.0, stale=another)
+    assert [each.error for each in read_rounds(tmp_path / "runs" / "part")] == [0.2]
+    assert enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print) == []
+    assert read_rounds(tmp_path / "runs" / "part") == []
 
 
 def test_wider_layers_that_did_not_help_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -323,12 +334,12 @@ def enriched(
     errors: Sequence[float | Exception],
     minutes: float | None = None,
     seconds: float = 0,
-    stale: Mapping[str, str] = MappingProxyType({"train": "train.r changed"}),
+    stale: Mapping[str, str] | None = None,
 ) -> tuple[list[str], list[str]]:
     """Rounds with these errors, each of so many seconds: the configurations that stages ran on, and what was said.
 
-    A round that has an exception for its error ends by it, before its model is written. What is stale is so for the
-    configuration itself, without what rounds came to.
+    A round that has an exception for its error ends by it, before its model is written. What is stale is by default the
+    model, where it is not that of the configuration.
     """
     config, run, made, told = folder / "part.yaml", folder / "runs" / "part", list[str](), list[str]()
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
@@ -338,20 +349,35 @@ def enriched(
         if until == "pca":
             return
         assert until == "train" and flags == {"train": ["--keep"]}
+        if not stale_now(load_settings(file)):
+            return
         made.append(file.name)
         if isinstance(left[0], Exception):
             raise left[0]
-        train = load_settings(file).train
-        (run / "model.h5").write_text(f"{train.hidden[1]} wide, {train.condensed.rounds} rounds", encoding="utf-8")
+        (run / "model.h5").write_text(model(load_settings(file)), encoding="utf-8")
+
+    def model(settings: Settings) -> str:
+        train = settings.train
+        coordinates = f", r {train.r}" if train.r else ""
+        return f"{train.hidden[1]} wide, {train.condensed.rounds} rounds{coordinates}"
+
+    def stale_now(settings: Settings) -> Mapping[str, str]:
+        path = run / "model.h5"
+        same = path.exists() and path.read_text("utf-8") == model(settings)
+        return stale if stale is not None else {} if same else {"train": "train.r changed"}
+
+    def staleness(_: MadeRun, settings: Settings, base: Path) -> SimpleNamespace:
+        return SimpleNamespace(stale=lambda until: stale_now(settings))
 
     left = list(errors)
     monkeypatch.setattr("ldsim.settings.enrich.make", make)
-    monkeypatch.setattr(Staleness, "stale", lambda *_: stale)
+    monkeypatch.setattr("ldsim.settings.enrich.Staleness", staleness)
     monkeypatch.setattr("ldsim.settings.enrich.Run", MadeRun)
     monkeypatch.setattr("ldsim.settings.enrich.pull_errors", lambda run: np.array([0.01, left.pop(0)]))
     clock = SimpleNamespace(monotonic=lambda: seconds * len(made))
     monkeypatch.setattr(
-        "ldsim.settings.enrich.improved", lambda made, asked, most: improved(made, asked, most, clock.monotonic)
+        "ldsim.settings.enrich.improved",
+        lambda made, asked, most, known: improved(made, asked, most, clock.monotonic, known),
     )
     enrich(config, folder / "runs", 5.0, minutes, told.append)
     return made, told
