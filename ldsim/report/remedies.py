@@ -10,7 +10,7 @@ import numpy as np
 from ldsim.arrays import Array
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import CondensedOptions, TrainOptions
-from ldsim.pipeline.options import MeshOptions
+from ldsim.mechanics.materials import material_names
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
 from ldsim.report.wording import readable
@@ -33,10 +33,16 @@ DRIFT = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What advice is drawn from: the numbers of the report, the options that made them, and the losses, (epochs, 2)."""
+    """What advice is drawn from: the numbers of the report, what made them, and the losses, (epochs, 2).
+
+    Attributes:
+        materials: of the solid, by name.
+        time_step: s.
+    """
 
     numbers: RunNumbers
-    mesh: MeshOptions
+    materials: list[str]
+    time_step: float
     pca: PcaOptions
     train: TrainOptions
     cubature: CubatureOptions
@@ -45,10 +51,11 @@ class Facts:
     @classmethod
     def of(cls, run: Run, numbers: RunNumbers) -> Facts:
         """Those of a finished run."""
-        settings = {kind: run.header(kind).settings for kind in ("scene", "basis", "model", "cubature")}
+        settings = {kind: run.header(kind).settings for kind in ("basis", "model", "cubature")}
         return cls(
             numbers,
-            MeshOptions.of_dump(settings["scene"]),
+            material_names(np.unique(run.scene.material).tolist()),
+            run.scene.time_step,
             PcaOptions.of_dump(settings["basis"]),
             TrainOptions.of_dump(settings["model"]),
             CubatureOptions.of_dump(settings["cubature"]),
@@ -207,11 +214,11 @@ def _diverged(facts: Facts) -> str | None:
         stage, turn = "train", f"train.condensed.rounds to {rounds + 2} (now {rounds})"
     else:
         stage, turn = "cubature", f"cubature.tolerance to {facts.cubature.tolerance / 2:.2g}"
-    model = facts.mesh.material.model
-    finite = "" if model == FINITE else f"mesh.material.model to {FINITE} (now {model}), which stays finite, or "
+    now = ", ".join(facts.materials)
+    finite = "" if now == FINITE else f"mesh.material.model to {FINITE} (now {now}), which stays finite, or "
     return (
         f"The latent run of {lost[0]} was lost: set {turn}; {facts.cost(stage)}. Or set {finite}mesh.time_step to "
-        f"{facts.mesh.time_step / 2:g} (now {facts.mesh.time_step:g}); {facts.cost('mesh')}."
+        f"{facts.time_step / 2:g} (now {facts.time_step:g}); {facts.cost('mesh')}."
     )
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
-from ldsim.pipeline.options import MeshOptions
 from ldsim.report.remedies import Facts, remedies
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import Settings
@@ -41,11 +40,7 @@ def facts(
 ) -> Facts:
     losses = np.full((100, 2), 0.01) if loss is None else np.asarray(loss, dtype=np.float64)
     numbers = RunNumbers.model_validate(report)
-    mesh = MeshOptions.model_validate(MESH | {"material": {"model": material, "youngs_modulus": 1e5}})
-    return Facts(numbers, mesh, PcaOptions(), train or TrainOptions(), CubatureOptions(), losses)
-
-
-MESH = {"shape": {"name": "beam"}, "pins": [{"slab": {"axis": "x", "thickness": 0.01}}], "time_step": 0.01}
+    return Facts(numbers, [material], 0.01, PcaOptions(), train or TrainOptions(), CubatureOptions(), losses)
 
 
 def test_where_all_is_well_there_is_no_advice() -> None:
