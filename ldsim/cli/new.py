@@ -20,5 +20,4 @@ def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:
         click.echo(line)
-    there = "" if runs == Path("runs") else f" --runs {runs}"
-    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path}{there} --error 5% --play`")
+    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path} --error 5% --play`")

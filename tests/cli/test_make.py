@@ -135,11 +135,6 @@ def test_an_error_that_is_asked_for_is_compared_with_the_statement(experiment: E
     assert result.exit_code == 3 and "asked were 0.001 %" in result.stderr
 
 
-def test_what_was_not_made_is_not_judged(experiment: Experiment) -> None:
-    arguments = ["make", str(experiment.config), "--runs", str(experiment.folder / "runs"), "--until", "simulate"]
-    assert CliRunner().invoke(main, [*arguments, "--step", "1e-9"]).exit_code == 0
-
-
 def test_a_report_that_has_not_seen_the_last_rounds_is_made_anew(experiment: Experiment) -> None:
     write_rounds(experiment.run, [Round(error=0.1, pulls=3, seconds=2.0, changed="")])
     assert stale(experiment) == {"report": "there were more rounds of learning"}
