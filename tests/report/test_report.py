@@ -15,7 +15,9 @@ import pytest
 from PIL import Image
 
 from ldsim.optimise.solution import Reason
+from ldsim.pipeline.options import SimulateOptions
 from ldsim.report import pictures as pictures_module
+from ldsim.report.frontier import advice
 from ldsim.report.numbers import collect
 from ldsim.report.options import ReportOptions
 from ldsim.report.pictures import mean_displacement
@@ -317,6 +319,14 @@ def test_verdict_and_headline_tell_one_number(folder, numbers):
         )
     assert numbers["speedup"]["chosen_over_full"] == numbers["speedup"]["latent_over_full"]
     assert linear.speedup.chosen_over_full != numbers["speedup"]["latent_over_full"]
+
+
+def test_a_space_that_was_asked_for_is_not_called_the_fastest(folder):
+    with finished_run(folder) as run:
+        assert "Chosen as the fastest within" in advice(run)[0]
+        asked = changed(run, "simulation", settings=SimulateOptions(space="linear").dump(), space="linear")
+        assert advice(asked)[0].startswith("As simulate.space says, used is the linear space")
+        assert "Chosen" not in advice(asked)[0]
 
 
 @pytest.mark.parametrize(

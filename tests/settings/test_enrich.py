@@ -108,6 +108,8 @@ def test_what_did_not_help_is_not_tried_again_and_coordinates_come_last() -> Non
     assert more.train == settings.train.replace(r=14) and words == "train.r 14"
     assert extended(settings, 22, 40, False, "train.r", helped=True)[1] == f"train.r {MOST}"
     assert extended(settings, MOST, 40, False, "train.r", helped=True) == (settings, "")
+    assert extended(settings, 14, 15, False, "train.r", helped=True)[1] == "train.r 15"
+    assert extended(settings, 15, 15, False, "train.r", helped=True) == (settings, "")
     assert extended(settings, 14, 40, False, "train.r", helped=False)[1] == "train.r 18"
 
 
