@@ -69,7 +69,9 @@ def missed(folder: Path, percent: float | None = None, microseconds: float | Non
             words.append("no error is stated: set simulate.statement, which says of what motions")
         elif found is None or 100 * found > percent:
             reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
-            turn = "the report says what to change" if numbers.remedies else "ask for less, and it goes on learning"
+            turn = "the report says what to change"
+            if not numbers.remedies:
+                turn = "with longer `--minutes`, or for a smaller error, it goes on learning"
             words.append(f"{reached}, asked were {percent:g} %; {turn}")
     if microseconds is not None:
         run = None if numbers is None else numbers.headline_runs().get("latent")

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from ldsim.cli.app import main
+from ldsim.report.overview import missed
 from tests.cli.experiments import WRITES, Experiment, refused
 
 
@@ -70,3 +71,17 @@ def test_what_is_not_there_is_refused(experiment: Experiment, tmp_path: Path) ->
     assert "holds no run" in refused(CliRunner().invoke(main, ["list", "--runs", str(tmp_path / "none")]))
     shutil.rmtree(experiment.run / "report")
     assert "has no report yet (done up to simulate)" in refused(CliRunner().invoke(main, ["open", str(experiment.run)]))
+
+
+@pytest.mark.parametrize(
+    ("remedies", "turn"), [(["this"], "the report says what to change"), ([], "it goes on learning")]
+)
+def test_who_asked_for_less_is_told_what_helps(experiment: Experiment, remedies: list[str], turn: str) -> None:
+    """The report names nothing where the error is not bad, only larger than was asked for."""
+    path = experiment.run / "report" / "report.json"
+    content = json.loads(path.read_text(encoding="utf-8")) | {"remedies": remedies}
+    content["statement"]["latent"]["error"] = 0.03
+    path.write_text(json.dumps(content), encoding="utf-8")
+    (words,) = missed(experiment.run, 1.0)
+    assert words.startswith("the stated error is 3 %, asked were 1 %") and words.endswith(turn)
+    assert missed(experiment.run, 3.0) == []
