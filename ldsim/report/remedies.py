@@ -9,7 +9,7 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.cubature.options import CubatureOptions
-from ldsim.learn.options import CondensedOptions, TrainOptions
+from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.materials import material_names
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
@@ -23,7 +23,7 @@ POOR = 0.03
 FALLING, BY_HEART = 0.95, 10.0
 # An error that is stated of fresh motions is bad beyond this.
 STATED = 0.05
-# Layers are advised to be twice as wide, up to this.
+# Layers become twice as wide, up to this, by advice and in rounds of `ldsim make --error`.
 WIDEST = 128
 # It has a finite energy where it is turned inside out.
 FINITE = "stable_neo_hookean"
@@ -186,7 +186,8 @@ def _forces(facts: Facts) -> str | None:
     options, condensed = facts.cubature, facts.train.condensed
     if facts.condensed:
         turns = [facts.wider] if facts.wider else []
-        turns += [f"train.condensed.{name} to {2 * n} (now {n})" for name, n in _sizes(condensed).items()]
+        sizes = {"points": condensed.points, "features": condensed.features}
+        turns += [f"train.condensed.{name} to {2 * n} (now {n})" for name, n in sizes.items() if n]
         return f"The forces are wrong, not the shapes: set {' and '.join(turns)}; {facts.cost('train')}."
     return (
         f"The forces are wrong, not the shapes: set cubature.tolerance to {options.tolerance / 2:.2g} (now "
@@ -259,11 +260,6 @@ def displacement(run: MotionRun) -> float | None:
     if error is None or not error.relative or error.mean_mm is None:
         return None
     return error.mean_mm / error.relative
-
-
-def _sizes(condensed: CondensedOptions) -> dict[str, int]:
-    """How much V_eff can do."""
-    return {"points": condensed.points, "features": condensed.features}
 
 
 def _still_falling(loss: Array) -> bool:

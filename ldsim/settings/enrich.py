@@ -18,6 +18,7 @@ from pathlib import Path
 from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.training import remove_checkpoints
 from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
+from ldsim.report.remedies import WIDEST
 from ldsim.run import Run
 from ldsim.settings.experiment import Settings, load_settings
 from ldsim.settings.make import StageFailed, Staleness, make
@@ -32,8 +33,8 @@ ORDER = (WIDER, OWN_RUNS, COORDINATES)
 # the second worst of 93, some 98th. So rounds go on, as long as there is time, until the few hold this share of the
 # error that is asked for.
 MARGIN = 0.8
-# Rounds of own runs and coordinates that are added at once, and the most coordinates and widest layers.
-MORE, FURTHER, MOST, WIDEST = 2, 4, 24, 128
+# Rounds of own runs and coordinates that are added at once, and the most coordinates.
+MORE, FURTHER, MOST = 2, 4, 24
 # More of the same is not asked for where the last turn left more than this share of the error.
 HELPED = 0.9
 # The last stage before a round.
