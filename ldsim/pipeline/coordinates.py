@@ -23,22 +23,26 @@ from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
 
-# Dimensions that are tried, for more are better only with more samples than are relaxed by default; what is enough of
-# the worst frame, its mean error over its mean displacement; and frames that are looked at. Where a solid is next to
-# buckling, a run is ten times as far off as the relaxed poses are: a ring 12 % where its poses were 1.8 % off (r 4),
-# 8 % where they were 0.4 % off (r 8), and 3 % where they were 0.2 % off (r 12).
+# Dimensions that are tried; what is enough of the worst frame, its mean error over its mean displacement; and frames
+# that are looked at. Where a solid is next to buckling, a run is ten times as far off as the relaxed poses are: a ring
+# 12 % where its poses were 1.8 % off (r 4), 8 % where they were 0.4 % (r 8), and 3 % where they were 0.2 % (r 12).
 SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
+# Relaxed training poses for each entry of S, r (r + 1) / 2: with fewer, what V_eff misses on motions beyond those that
+# it learned from is more than what further coordinates show. X's x_2 is 4.1 % off at r 16 with 400, and 2.0 % at r 12.
+POSES_OF_AN_ENTRY = 4
 
 
-def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
+def needed_coordinates(run: Run, r: int | None, poses: int, progress: Progress) -> Array:
     """Coordinates in which the frames of the training motions are relaxed poses, as combinations of the basis' columns.
 
     Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
-    are not as many as one can afford, but the fewest that are enough for the worst frame. By bisection: more
-    coordinates hold more. Of the two orders that one is taken whose relaxed poses are nearer to the frames in the mean.
+    are not as many as one can afford, but the fewest that are enough for the worst frame, and no more than the poses
+    can tell. By bisection: more coordinates hold more. Of the two orders that one is taken whose relaxed poses are
+    nearer to the frames in the mean.
 
     Args:
         r: how many; None finds the fewest that are enough.
+        poses: how many training poses will be relaxed.
 
     Returns:
         (k, r), with orthonormal columns.
@@ -59,7 +63,8 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
             return min(map(_worst, tried[size].values())) <= ENOUGH
 
         if r is None:
-            sizes = [size for size in SIZES if size < run.basis.k] or [run.basis.k]
+            told = [size for size in SIZES if POSES_OF_AN_ENTRY * size * (size + 1) // 2 <= poses] or [SIZES[0]]
+            sizes = [size for size in told if size < run.basis.k] or [run.basis.k]
             r = sizes[bisect_left(sizes[:-1], True, key=enough)]
         if r not in tried:
             enough(r)

@@ -55,6 +55,7 @@ pca:
 train:
   kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
   hidden: [48, 48, 48, 48]
+  activation: tanh # smooth, as what it learns is
   condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
 cubature:
   poses: 200

@@ -75,10 +75,22 @@ def test_its_compliance_turns_with_the_solid() -> None:
 
 
 @pytest.mark.parametrize(
-    ("least", "k", "found"), [(1, 40, 4), (9, 40, 10), (13, 40, 16), (90, 40, 16), (90, 7, 6), (1, 3, 3)]
+    ("least", "k", "poses", "found"),
+    [
+        (1, 40, 900, 4),
+        (9, 40, 900, 10),
+        (13, 40, 900, 16),
+        (90, 40, 900, 16),
+        (90, 40, 4 * 136, 16),  # four poses for each of the entries of a symmetric 16 × 16 matrix
+        (90, 40, 4 * 136 - 1, 12),
+        (9, 40, 400, 10),
+        (90, 40, 3, 4),
+        (90, 7, 900, 6),
+        (1, 3, 900, 3),
+    ],
 )
-def test_the_least_dimension_that_is_enough_is_found(
-    monkeypatch: pytest.MonkeyPatch, least: int, k: int, found: int
+def test_the_least_dimension_that_is_enough_is_found_among_those_that_the_poses_can_tell(
+    monkeypatch: pytest.MonkeyPatch, least: int, k: int, poses: int, found: int
 ) -> None:
     monkeypatch.setattr(coordinates, "Compliance", lambda scene, size: size)
     monkeypatch.setattr(coordinates, "combined", lambda basis, combinations: combinations.shape[1])
@@ -88,7 +100,7 @@ def test_the_least_dimension_that_is_enough_is_found(
         coordinates, "slaving_errors", lambda r, frames: np.array([0.001 if r >= least else 0.1, np.nan])
     )
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=k))
-    assert needed_coordinates(run, None, SILENT).shape == (k, found)
+    assert needed_coordinates(run, None, poses, SILENT).shape == (k, found)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +118,7 @@ def test_the_order_that_is_nearer_in_the_mean_is_taken_and_a_lost_frame_counts_a
     errors = {0: np.array(largest), 4: np.array(slowest)}
     monkeypatch.setattr(coordinates, "slaving_errors", lambda columns, frames: errors[int(columns[:, 0].argmax())])
     run: Any = SimpleNamespace(scene=None, basis=SimpleNamespace(k=5))
-    np.testing.assert_array_equal(needed_coordinates(run, 3, SILENT), orders[better][:, :3])
+    np.testing.assert_array_equal(needed_coordinates(run, 3, 1, SILENT), orders[better][:, :3])
 
 
 def test_the_slowest_combinations_are_vibration_modes_where_the_basis_holds_them() -> None:
