@@ -54,8 +54,7 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
         SolverError: r is larger than the basis, or too few poses have an equilibrium.
     """
     _refuse(run, 1 if options.r is None else options.r)
-    poses = min(options.condensed.poses, len(q)) * (1 + options.condensed.shell)
-    chosen = needed_coordinates(run, options.r, poses, progress)
+    chosen = needed_coordinates(run, options.r, progress)
     r, points = chosen.shape[1], options.condensed.points
     if (least := -(-r // STRAINS)) > points:
         raise SettingsError(

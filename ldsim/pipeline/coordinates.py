@@ -2,7 +2,8 @@
 
 They are the leading columns of the basis, which hold the largest motions, or the slowest of its combinations: then what
 is left to equilibrium is fast, and stiff where the solid is pulled, so that dents are small. Where a solid bends far
-the former may be better, for what is slow at rest does not tell apart poses that are bent far.
+the former may be better, for what is slow at rest does not tell apart poses that are bent far. But the large columns
+hold what is stiff at rest and curls up with the slow ones, and then V_eff is hard to learn.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,49 +29,43 @@ from ldsim.space.compliance import Compliance
 # that are looked at. Where a solid is next to buckling, a run is ten times as far off as the relaxed poses are: a ring
 # 12 % where its poses were 1.8 % off (r 4), 8 % where they were 0.4 % (r 8), and 3 % where they were 0.2 % (r 12).
 SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
-# Relaxed training poses for each entry of S, r (r + 1) / 2: with fewer, what V_eff misses on motions beyond those that
-# it learned from is more than what further coordinates show. X's x_2 is 4.1 % off at r 16 with 400, and 2.0 % at r 12.
-POSES_OF_AN_ENTRY = 4
+# What V_eff misses, as a share of a motion, for the square of how much the stiffness changes in its frames: about what
+# runs were off beyond what the coordinates miss (docs/notebook/2026-11-26-coordinates.md).
+MISSED = 2e-4
 
 
-def needed_coordinates(run: Run, r: int | None, poses: int, progress: Progress) -> Array:
+def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
     """Coordinates in which the frames of the training motions are relaxed poses, as combinations of the basis' columns.
 
     Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
-    are not as many as one can afford, but the fewest that are enough for the worst frame, and no more than the poses
-    can tell. By bisection: more coordinates hold more. Of the two orders that one is taken whose relaxed poses are
-    nearer to the frames in the mean.
+    are not as many as one can afford, but the fewest that are enough for the worst frame. By bisection: more
+    coordinates hold more. Of the two orders, and where no number is enough of all that were tried, those are taken with
+    which a run is expected to be least off.
 
     Args:
         r: how many; None finds the fewest that are enough.
-        poses: how many training poses will be relaxed.
 
     Returns:
         (k, r), with orthonormal columns.
     """
     orders = {"largest": np.eye(run.basis.k), "slowest": slowest(run)}
-    frames, tried = list(frames_of(run)), dict[int, dict[str, Array]]()
+    frames, tried = list(frames_of(run)), dict[tuple[int, str], Slaving]()
     with progress.bar("train: which coordinates", None, " tried") as bar:
 
         def enough(size: int) -> bool:
-            tried[size] = {}
             for name, order in orders.items():
-                off = slaving_errors(Compliance(run.scene, combined(run.basis, order[:, :size])), frames)
-                tried[size][name] = off
-                bar.say(
-                    f"the {size} {name} miss a pull by {100 * _mean(off):.2g} %, the worst by {100 * _worst(off):.2g} %"
-                )
+                tried[size, name] = slaving(Compliance(run.scene, combined(run.basis, order[:, :size])), frames)
+                bar.say(f"the {size} {name} {tried[size, name]}")
                 bar.update()
-            return min(map(_worst, tried[size].values())) <= ENOUGH
+            return min(tried[size, name].worst for name in orders) <= ENOUGH
 
-        if r is None:
-            told = [size for size in SIZES if POSES_OF_AN_ENTRY * size * (size + 1) // 2 <= poses] or [SIZES[0]]
-            sizes = [size for size in told if size < run.basis.k] or [run.basis.k]
-            r = sizes[bisect_left(sizes[:-1], True, key=enough)]
-        if r not in tried:
-            enough(r)
-    best = min(orders, key=lambda name: _mean(tried[r][name]))
-    return np.ascontiguousarray(orders[best][:, :r])
+        sizes = [r] if r is not None else [size for size in SIZES if size < run.basis.k] or [run.basis.k]
+        least = sizes[bisect_left(sizes[:-1], True, key=enough)]
+        if (least, "largest") not in tried:
+            enough(least)
+    held = min(tried[least, name].worst for name in orders) <= ENOUGH
+    best = min((each for each in tried if each[0] == least or not held), key=lambda each: tried[each].expected)
+    return np.ascontiguousarray(orders[best[1]][:, : best[0]])
 
 
 def slowest(run: Run) -> Array:
@@ -83,49 +79,74 @@ def combined(basis: Basis, combinations: Array) -> Basis:
     return Basis.of(np.ascontiguousarray(basis.matrix @ combinations), basis.metric)
 
 
-def _worst(off: Array) -> float:
-    """Of the frames that have an equilibrium; where none has, infinite."""
-    known = off[~np.isnan(off)]
-    return float(known.max()) if len(known) else math.inf
+@dataclass(frozen=True, eq=False)
+class Slaving:
+    """How far frames are from the relaxed poses of their coordinates, and how much the stiffness S changes there.
+
+    Attributes:
+        off: (f,), the mean distance, a share of the mean displacement of that frame, or of all frames where that is
+            larger; NaN where coordinates have no stable equilibrium.
+        stiffened: (f,), ‖S₀^-½ S S₀^-½ − 1‖ / √r; NaN there too.
+    """
+
+    off: Array
+    stiffened: Array
+
+    @property
+    def worst(self) -> float:
+        """Of the frames that have an equilibrium; where none has, infinite."""
+        known = self.off[~np.isnan(self.off)]
+        return float(known.max()) if len(known) else math.inf
+
+    @property
+    def mean(self) -> float:
+        """Where one that has no equilibrium is all of its motion off."""
+        return float(np.nan_to_num(self.off, nan=1.0).mean())
+
+    @property
+    def expected(self) -> float:
+        """How far a run is about off: what the coordinates miss, and what V_eff does."""
+        return self.mean + MISSED * float(np.nan_to_num(self.stiffened**2).mean())
+
+    def __str__(self) -> str:
+        return (
+            f"miss a pull by {100 * self.mean:.2g} %, the worst by {100 * self.worst:.2g} %; expected "
+            f"{100 * self.expected:.2g} %"
+        )
 
 
-def _mean(off: Array) -> float:
-    """Where one that has no equilibrium is all of its motion off."""
-    return float(np.nan_to_num(off, nan=1.0).mean())
-
-
-def slaving_errors(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> Array:
-    """How far frames are from the relaxed poses of their coordinates.
+def slaving(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> Slaving:
+    """Relax frames of the full space at their coordinates.
 
     Loads act on what is slaved as they do when the space is stepped, by the residual compliance. What remains is what r
-    coordinates lose, however well V_eff is known: fast motion, and compliance that changes as the solid bends.
+    coordinates lose, however well V_eff is known: fast motion, and compliance that changes as the solid bends. V_eff is
+    the harder to know the more the stiffness changes.
 
     Args:
         frames: displacements of the full space, (n, 3) metres, with what acts.
-
-    Returns:
-        (f,): the mean distance, a share of the mean displacement of that frame, or of all frames where that is larger;
-        NaN where coordinates have no stable equilibrium.
     """
-    _ = compliance.relaxation  # once, before there are threads
-    found = in_threads(lambda frame: _off(compliance, *frame), frames)
-    off, moved = np.array(list(found)).reshape(-1, 2).T
+    values, vectors = np.linalg.eigh(compliance.relaxation.rest.stiffness)  # once, before there are threads
+    to_rest = vectors / np.sqrt(values)
+    found = in_threads(lambda frame: _off(compliance, to_rest, *frame), frames)
+    off, moved, stiffened = np.array(list(found)).reshape(-1, 3).T
     shares: Array = off / np.maximum(moved, moved.mean()) if moved.any() else np.full(len(off), math.inf)
-    return shares
+    return Slaving(shares, stiffened)
 
 
-def _off(compliance: Compliance, u: Array, loads: Loads) -> tuple[float, float]:
-    """Mean distance, NaN where it has no equilibrium, and mean displacement, metres, of one frame."""
+def _off(compliance: Compliance, to_rest: Array, u: Array, loads: Loads) -> tuple[float, float, float]:
+    """Of one frame: mean distance and mean displacement, metres, and the change of stiffness."""
     moved = float(np.linalg.norm(u, axis=1).mean())
     try:
-        relaxed = compliance.relaxation.from_pose(u).u
+        pose = compliance.relaxation.from_pose(u)
     except SolverError:
-        return math.nan, moved
-    found = relaxed + compliance.sag(loads.gravity)
+        return math.nan, moved, math.nan
+    found = pose.u + compliance.sag(loads.gravity)
     for grab in loads.grabs:
         centre = (compliance.scene.mesh.vertices + u)[grab.vertices].mean(axis=0)
-        found += compliance.moved(grab.vertices, relaxed, grab.stiffness * (grab.target - centre))
-    return float(np.linalg.norm(found - u, axis=1).mean()), moved
+        found += compliance.moved(grab.vertices, pose.u, grab.stiffness * (grab.target - centre))
+    change = to_rest.T @ pose.stiffness @ to_rest - np.eye(len(to_rest))
+    distance = float(np.linalg.norm(found - u, axis=1).mean())
+    return distance, moved, float(np.linalg.norm(change) / math.sqrt(len(change)))
 
 
 def frames_of(run: Run, role: str = "train") -> Iterator[tuple[Array, Loads]]:

@@ -17,7 +17,7 @@ from ldsim.arrays import Array
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
-from ldsim.pipeline.coordinates import frames_of, slaving_errors
+from ldsim.pipeline.coordinates import frames_of, slaving
 from ldsim.run import Run
 from ldsim.space.basis import Basis
 from ldsim.space.compliance import Compliance
@@ -50,7 +50,7 @@ def measure(run: Run) -> list[Row]:
         frames = list(frames_of(run, role))
         moved = np.array([np.linalg.norm(u, axis=1).mean() for u, _ in frames])
         found = {
-            (kind, r): slaving_errors(Compliance(run.scene, basis.columns(r)), frames) * np.maximum(moved, moved.mean())
+            (kind, r): slaving(Compliance(run.scene, basis.columns(r)), frames).off * np.maximum(moved, moved.mean())
             for kind, basis in bases.items()
             for r in SIZES
         }

@@ -50,7 +50,7 @@ CONDENSED: dict[str, Any] = TINY | {"train": {"kind": "condensed", "r": 3, "hidd
 def slowest_coordinates() -> Iterator[None]:
     """They are not the columns of the basis, so that nothing may take these for the coordinates."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(condense, "needed_coordinates", lambda run, r, poses, progress: slowest(run)[:, :r])
+        patch.setattr(condense, "needed_coordinates", lambda run, r, progress: slowest(run)[:, :r])
         yield
 
 
