@@ -33,7 +33,7 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
     except StageFailed as failed:
         raise SystemExit(failed.status) from None
     click.echo("" if ran else nothing_to_do(run, until), nl=False)
-    if words := missed(run.folder, asked["error"], asked["step"]):
+    if words := missed(run.folder, asked["error"], asked["step"]) if until == STAGES[-1] else []:
         click.echo("\n".join(words), err=True)
     if pull:
         click.get_current_context().invoke(play.command, run=run.folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -20,4 +21,6 @@ def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:
         click.echo(line)
-    click.echo(f"{path} is written, change in it what you like; then `ldsim make {path} --error 5% --play`")
+    place = [] if runs == Path("runs") else ["--runs", str(runs)]
+    made = shlex.join(["ldsim", "make", str(path), "--error", "5%", "--play", *place])
+    click.echo(f"{path} is written, change in it what you like; then `{made}`")

@@ -150,6 +150,7 @@ def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Pat
     )
     settings = load_settings(Path("my-rod.yaml"))
     assert settings.experiment == "my-rod" and settings.train.kind == "condensed"
+    assert settings.train.activation == "tanh"
     assert set(settings.snapshot.roles) == {"train", "validation", "test"}
     with Run(Path("runs/my-rod")) as run:
         assert run.scene.time_step == settings.mesh.time_step
@@ -157,10 +158,11 @@ def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Pat
 
 
 def test_what_is_said_is_taken(rod: Path) -> None:
-    flags = ["--unit", "cm", "--pin", "y-max", "--youngs-modulus", "2e6", "--output", "cfg/other.yaml"]
-    result = CliRunner().invoke(main, ["new", str(rod), *flags])
+    flags = ["--unit", "cm", "--pin", "y-max", "--youngs-modulus", "2e6", "--output", "cfg/an other.yaml"]
+    result = CliRunner().invoke(main, ["new", str(rod), *flags, "--runs", "elsewhere"])
     assert result.exit_code == 0, result.output
-    section = load_settings(Path("cfg/other.yaml")).mesh
+    assert "`ldsim make 'cfg/an other.yaml' --error 5% --play --runs elsewhere`" in result.stdout.splitlines()[-1]
+    section = load_settings(Path("cfg/an other.yaml")).mesh
     assert section.scale == 0.01 and section.material.youngs_modulus == 2e6
     assert section.file == "../parts/my rod.vtk"
     slab = section.pins[0].slab
