@@ -53,7 +53,10 @@ class Percent(click.ParamType[float]):
 def asked_options(function: Callable[..., None]) -> Callable[..., None]:
     """What `ldsim make` is asked for, beside what it makes."""
     error = click.option(
-        "--error", type=Percent(), metavar="PERCENT", help="Learn until it is held; status 3 where it is not."
+        "--error",
+        type=Percent(),
+        metavar="PERCENT",
+        help="Learn until it is held; with the report made, status 3 where it is not.",
     )
     minutes = click.option(
         "--minutes",
@@ -62,7 +65,12 @@ def asked_options(function: Callable[..., None]) -> Callable[..., None]:
         show_default=True,
         help="From the call on; no round begins that would end later.",
     )
-    step = click.option("--step", type=Finite(min=0), metavar="MICROSECONDS", help="Status 3 where a step is slower.")
+    step = click.option(
+        "--step",
+        type=Finite(min=0),
+        metavar="MICROSECONDS",
+        help="With the report made, status 3 where a step is slower.",
+    )
     experiment = click.option("--experiment", help="Refuse a configuration of another experiment (for the Makefile).")
     return error(minutes(step(experiment(function))))
 

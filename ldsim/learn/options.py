@@ -57,7 +57,10 @@ class TrainOptions(Options):
 
     r: Annotated[
         int | None,
-        Field(ge=1, description="Latent dimension; left out, the fewest that hold the training motions."),
+        Field(
+            ge=1,
+            description="Latent dimension; left out, the fewest that hold the training motions, or the best tried.",
+        ),
     ] = None
     tolerance_mm: Annotated[
         Positive, Field(description="Largest vertex error that the search of an autoencoder allows, mm.")

@@ -2,8 +2,8 @@
 
 They are the leading columns of the basis, which hold the largest motions, or the slowest of its combinations: then what
 is left to equilibrium is fast, and stiff where the solid is pulled, so that dents are small. Where a solid bends far
-the former may be better, for what is slow at rest does not tell apart poses that are bent far. But the large columns
-hold what is stiff at rest and curls up with the slow ones, and then V_eff is hard to learn.
+the leading columns may be better, for what is slow at rest does not tell apart poses that are bent far. But they mix
+stiff motions with slow ones, so that S changes much as the solid bends, and then V_eff is hard to learn.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ from ldsim.space.compliance import Compliance
 # that are looked at. Where a solid is next to buckling, a run is ten times as far off as the relaxed poses are: a ring
 # 12 % where its poses were 1.8 % off (r 4), 8 % where they were 0.4 % (r 8), and 3 % where they were 0.2 % (r 12).
 SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
-# What V_eff misses, as a share of a motion, for the square of how much the stiffness changes in its frames: about what
-# runs were off beyond what the coordinates miss (docs/notebook/2026-11-26-coordinates.md).
-MISSED = 2e-4
+# What V_eff of so many coordinates misses, as a share of a motion, for the square of how much S changes in its frames.
+# It grows with the cube of their number, for S has r²/2 entries, each a function of r variables. Set by runs of two
+# solids, with 400 relaxed training poses (docs/notebook/2026-11-26-coordinates.md).
+OF_CHANGE, COORDINATES = 1.5e-4, 12
 
 
 def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
     """Coordinates in which the frames of the training motions are relaxed poses, as combinations of the basis' columns.
 
     Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
-    are not as many as one can afford, but the fewest that are enough for the worst frame. By bisection: more
-    coordinates hold more. Of the two orders, and where no number is enough of all that were tried, those are taken with
-    which a run is expected to be least off.
+    are not as many as one can afford, but the fewest that are enough for the worst frame in one of the orders. By
+    bisection: more coordinates hold more. Of the orders that is taken with which a run is expected to be less off;
+    where no number is enough, so is the number, among those tried.
 
     Args:
-        r: how many; None finds the fewest that are enough.
+        r: how many; None finds the fewest that are enough, or where none are, those with which a run is least off.
 
     Returns:
         (k, r), with orthonormal columns.
@@ -64,8 +65,9 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
         if (least, "largest") not in tried:
             enough(least)
     held = min(tried[least, name].worst for name in orders) <= ENOUGH
-    best = min((each for each in tried if each[0] == least or not held), key=lambda each: tried[each].expected)
-    return np.ascontiguousarray(orders[best[1]][:, : best[0]])
+    known = [each for each in tried if each[0] == least or not held]
+    size, name = min(known, key=lambda each: (tried[each].expected, -each[0]))
+    return np.ascontiguousarray(orders[name][:, :size])
 
 
 def slowest(run: Run) -> Array:
@@ -85,12 +87,14 @@ class Slaving:
 
     Attributes:
         off: (f,), the mean distance, a share of the mean displacement of that frame, or of all frames where that is
-            larger; NaN where coordinates have no stable equilibrium.
-        stiffened: (f,), ‖S₀^-½ S S₀^-½ − 1‖ / √r; NaN there too.
+            larger; NaN where coordinates have no stable equilibrium, and infinite where no frame moves.
+        change: (f,), ‖S₀^-½ S S₀^-½ − 1‖ / √r of the Frobenius norm; NaN where `off` is.
+        r: how many coordinates.
     """
 
     off: Array
-    stiffened: Array
+    change: Array
+    r: int
 
     @property
     def worst(self) -> float:
@@ -105,13 +109,14 @@ class Slaving:
 
     @property
     def expected(self) -> float:
-        """How far a run is about off: what the coordinates miss, and what V_eff does."""
-        return self.mean + MISSED * float(np.nan_to_num(self.stiffened**2).mean())
+        """How far a run is about off: what coordinates and V_eff miss; a frame at most all of its motion."""
+        missed = OF_CHANGE * (self.r / COORDINATES) ** 3 * self.change**2
+        return float(np.minimum(np.nan_to_num(self.off + missed, nan=1.0), 1.0).mean())
 
     def __str__(self) -> str:
         return (
-            f"miss a pull by {100 * self.mean:.2g} %, the worst by {100 * self.worst:.2g} %; expected "
-            f"{100 * self.expected:.2g} %"
+            f"miss a pull by {100 * self.mean:.2g} %, the worst by {100 * self.worst:.2g} %; a run would be some "
+            f"{100 * self.expected:.2g} % off"
         )
 
 
@@ -124,16 +129,19 @@ def slaving(compliance: Compliance, frames: Iterable[tuple[Array, Loads]]) -> Sl
 
     Args:
         frames: displacements of the full space, (n, 3) metres, with what acts.
+
+    Returns:
+        What is known of them, in their order.
     """
     values, vectors = np.linalg.eigh(compliance.relaxation.rest.stiffness)  # once, before there are threads
     to_rest = vectors / np.sqrt(values)
-    found = in_threads(lambda frame: _off(compliance, to_rest, *frame), frames)
-    off, moved, stiffened = np.array(list(found)).reshape(-1, 3).T
+    found = in_threads(lambda frame: _relaxed_frame(compliance, to_rest, *frame), frames)
+    off, moved, change = np.array(list(found)).reshape(-1, 3).T
     shares: Array = off / np.maximum(moved, moved.mean()) if moved.any() else np.full(len(off), math.inf)
-    return Slaving(shares, stiffened)
+    return Slaving(shares, change, len(to_rest))
 
 
-def _off(compliance: Compliance, to_rest: Array, u: Array, loads: Loads) -> tuple[float, float, float]:
+def _relaxed_frame(compliance: Compliance, to_rest: Array, u: Array, loads: Loads) -> tuple[float, float, float]:
     """Of one frame: mean distance and mean displacement, metres, and the change of stiffness."""
     moved = float(np.linalg.norm(u, axis=1).mean())
     try:

@@ -133,7 +133,9 @@ def test_an_error_that_is_asked_for_is_compared_with_the_statement(experiment: E
     assert CliRunner().invoke(main, [*arguments, "1e6"]).exit_code == 0
     result = CliRunner().invoke(main, [*arguments, "0.001"])
     assert result.exit_code == 3 and "asked were 0.001 %" in result.stderr
-    assert CliRunner().invoke(main, [*arguments, "0.001", "--until", "train"]).exit_code == 0  # nothing is stated yet
+    assert (
+        CliRunner().invoke(main, [*arguments, "0.001", "--until", "train"]).exit_code == 0
+    )  # it does not make the report
 
 
 def test_a_report_that_has_not_seen_the_last_rounds_is_made_anew(experiment: Experiment) -> None:
