@@ -32,7 +32,7 @@ SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
 # What V_eff of so many coordinates misses, as a share of a motion, for the square of how much S changes in its frames.
 # It grows with the cube of their number, for S has r²/2 entries, each a function of r variables. Set by runs of two
 # solids, with 400 relaxed training poses (docs/notebook/2026-11-26-coordinates.md).
-OF_CHANGE, COORDINATES = 1.5e-4, 12
+OF_CHANGE, COORDINATES = 1e-4, 12
 
 
 def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
