@@ -109,14 +109,17 @@ class Slaving:
 
     @property
     def expected(self) -> float:
-        """How far a run is about off: what coordinates and V_eff miss; a frame at most all of its motion."""
+        """What coordinates and V_eff miss, to choose by; a frame at most all of its motion.
+
+        It is no run's error: those of one solid were seven times as far off (docs/notebook/2026-11-26-coordinates.md).
+        """
         missed = OF_CHANGE * (self.r / COORDINATES) ** 3 * self.change**2
         return float(np.minimum(np.nan_to_num(self.off + missed, nan=1.0), 1.0).mean())
 
     def __str__(self) -> str:
         return (
-            f"miss a pull by {100 * self.mean:.2g} %, the worst by {100 * self.worst:.2g} %; a run would be some "
-            f"{100 * self.expected:.2g} % off"
+            f"miss a pull by {100 * self.mean:.2g} %, the worst by {100 * self.worst:.2g} %; "
+            f"{100 * self.expected:.2g} % with what V_eff is expected to miss"
         )
 
 
