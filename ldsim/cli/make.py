@@ -12,8 +12,8 @@ from ldsim.cli.parameters import asked_options, on_configuration
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
-from ldsim.settings.enrich import current, enrich
-from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to_do
+from ldsim.settings.enrich import BEFORE, current, enrich
+from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to_do, up_to
 
 
 @on_configuration("make", "Run what is missing or stale of a configuration, from the mesh to the report.")
@@ -28,7 +28,7 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
         click.echo(Staleness(run, settings, config.parent).told(until), nl=False)
         return
     try:
-        enrich(config, runs, asked["error"], asked["minutes"], click.echo)
+        enrich(config, runs, None if until in up_to(BEFORE) else asked["error"], asked["minutes"], click.echo)
         ran = make(current(config), runs, until, click.echo)
     except StageFailed as failed:
         raise SystemExit(failed.status) from None

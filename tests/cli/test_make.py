@@ -138,6 +138,13 @@ def test_an_error_that_is_asked_for_is_compared_with_the_statement(experiment: E
     )  # it does not make the report
 
 
+def test_where_nothing_is_trained_no_round_runs_for_an_error(experiment: Experiment, tmp_path: Path) -> None:
+    arguments = ["make", str(experiment.config), "--runs", str(tmp_path), "--error", "5", "--until", "mesh"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in (tmp_path / "tiny").glob("*.h5")] == ["scene.h5"]
+
+
 def test_a_report_that_has_not_seen_the_last_rounds_is_made_anew(experiment: Experiment) -> None:
     write_rounds(experiment.run, [Round(error=0.1, pulls=3, seconds=2.0, changed="")])
     assert stale(experiment) == {"report": "there were more rounds of learning"}
