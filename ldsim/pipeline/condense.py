@@ -16,7 +16,7 @@ from ldsim.dynamics.synthetic import synthetic_frames
 from ldsim.errors import SettingsError, SolverError
 from ldsim.learn.condensed import Condensed, CondensedSamples, fit_condensed
 from ldsim.learn.options import TrainOptions
-from ldsim.mechanics.random_pulls import covering_pulls
+from ldsim.mechanics.random_pulls import FARTHER, covering_pulls
 from ldsim.pipeline.coordinates import combined, needed_coordinates
 from ldsim.pipeline.progress import Progress
 from ldsim.pipeline.relaxed_poses import ChosenPoses, Frames, Piece, energy_root, farthest_points, relaxed_pieces
@@ -64,7 +64,7 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     work = _Work(run, Relaxation(run.scene, combined(run.basis, chosen)), options, progress)
     work.relax("relaxed", z, displacement, options.condensed.poses)
     for number in range(options.condensed.rounds):
-        work.explore(number)
+        work.explore(number, z)
     work.tell_lost()
     found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps, options.hidden)
     space = Space.condensed(run.scene, basis, (found.decoder, found.encoder), found.potential)
@@ -95,8 +95,14 @@ class _Work:
                 "it was taken; use a stiffer material, weaker motions, or train.kind: autoencoder"
             )
 
-    def explore(self, number: int) -> None:
-        """Run what can be fitted so far under loads like those of the motions, and relax poses that it comes to."""
+    def explore(self, number: int, trained: Array) -> None:
+        """Run what can be fitted so far under loads like those of the motions, and relax poses that it comes to.
+
+        Args:
+            trained: coordinates of all training poses, (N, r). Own pulls go `FARTHER` times as far as theirs, so what
+                comes farther than that in the energy norm is a run that is lost in what is not known yet: poses out
+                there take longest to relax, and the fit would be good there at the expense of all others.
+        """
         have, count = self.z, self.options.condensed.explored
         condensed = self.options.condensed
         hidden = tuple(min(width, NARROW) for width in self.options.hidden)
@@ -108,8 +114,9 @@ class _Work:
         if kept is None:
             found, basis = self.fit(number + 1, int(EXPLORING * condensed.steps), hidden)
             space = Space.condensed(self.run.scene, basis, (found.decoder, found.encoder), found.potential)
-            z = self._own_frames(space, number)
-            root = energy_root(self.relaxation)
+            root, z = energy_root(self.relaxation), self._own_frames(space, number)
+            farthest = FARTHER * np.linalg.norm(trained @ root, axis=1).max()
+            z = z[np.linalg.norm(z @ root, axis=1) <= farthest]
             z = z[farthest_points(z @ root, min(count, len(z)), have @ root)]
             kept = {"z": z, "u": np.array([space.displacement(space.decoder(each)) for each in z], dtype=np.float32)}
             store.save(kept)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
@@ -233,6 +234,25 @@ def test_a_round_runs_the_model_itself_under_loads_that_no_motion_had(condensed:
         # each run starts at rest
         first = np.linalg.norm(z[::frames], axis=1)
         assert (first < 0.5 * np.linalg.norm(z, axis=1).max()).all()
+
+
+def test_own_poses_are_taken_no_farther_out_than_own_pulls_go(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    again, lengths = Experiment(tmp_path), dict[str, Array]()
+    relax = condense._Work.relax
+
+    def watched(work: Any, name: str, z: Array, *rest: Any) -> None:
+        lengths[name] = np.linalg.norm(z @ relaxed_poses.energy_root(work.relaxation), axis=1)
+        relax(work, name, z, *rest)
+
+    monkeypatch.setattr(condense._Work, "relax", watched)
+    monkeypatch.setattr(condense, "FARTHER", 0.5)  # where every own run comes
+    (again.run / "model.h5").unlink()
+    assert again.invoke("train").exit_code == 0
+    farthest = lengths["relaxed"].max()
+    assert 0.4 * farthest < lengths["round 1"].max() <= 0.5 * farthest
 
 
 def test_an_interrupted_relaxation_keeps_what_was_done(
