@@ -9,9 +9,10 @@ third derivative of the elastic energy (`Dent`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from typing import Any, NamedTuple
+from threading import Lock
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import polar
@@ -27,6 +28,8 @@ from ldsim.space.relaxation import Relaxation
 
 # Grabs whose fields are kept, up to 36 numbers a vertex each.
 REMEMBERED = 64
+ROOM = Lock()
+Kept = TypeVar("Kept")
 # What is pressed flat does not get ever stiffer.
 LEAST_STRETCH = 0.25
 # Most that a force, or the coordinates beside warping, change the compliance, a share of it.
@@ -94,35 +97,32 @@ class Compliance:
 
     def of_grab(self, vertices: Indices) -> Array:
         """What a unit force on the centroid of some vertices moves, by axis of the force, (n, 3, 3), m/N."""
-        key = vertices.tobytes()
-        if key not in self._known:
-            _make_room(self._known)
-            n = self.scene.mesh.n_vertices
-            force = np.zeros((3, n, 3))
-            for axis in range(3):
-                force[axis, vertices, axis] = 1 / len(vertices)
-            self._known[key] = np.ascontiguousarray(self.of(force).transpose(1, 2, 0))
-        return self._known[key]
+        return _remembered(self._known, vertices, self._of_grab)
+
+    def _of_grab(self, vertices: Indices) -> Array:
+        force = np.zeros((3, self.scene.mesh.n_vertices, 3))
+        for axis in range(3):
+            force[axis, vertices, axis] = 1 / len(vertices)
+        return np.ascontiguousarray(self.of(force).transpose(1, 2, 0))
 
     def dent(self, vertices: Indices) -> Dent:
         """What a force on the centroid of some vertices does to the centroid itself.
 
         Fields that are kept at anchors are too smooth for third derivatives: there the dent stays linear.
         """
-        key = vertices.tobytes()
-        if key not in self._dents:
-            _make_room(self._dents)
-            fields, T = self.of_grab(vertices), self.relaxation.rest.tangents
-            C, second, coupling = fields[vertices].mean(axis=0), np.zeros((3, 3, 3)), np.zeros((T.shape[2], 3, 3))
-            if self.anchors is None:
-                forces = self._bending(vertices)[:, :, MATRIX] / self._softness
-                second = np.einsum("vaij,vak->ijk", forces, fields)
-                # warping has some of it
-                L = np.einsum("vij,vk->jik", T, self.arms(vertices))
-                warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ C
-                coupling = np.einsum("vaij,vak->kij", forces, T) - warped - warped.transpose(0, 2, 1)
-            self._dents[key] = Dent.of(C, second, coupling)
-        return self._dents[key]
+        return _remembered(self._dents, vertices, self._dent)
+
+    def _dent(self, vertices: Indices) -> Dent:
+        fields, T = self.of_grab(vertices), self.relaxation.rest.tangents
+        C, second, coupling = fields[vertices].mean(axis=0), np.zeros((3, 3, 3)), np.zeros((T.shape[2], 3, 3))
+        if self.anchors is None:
+            forces = self._bending(vertices)[:, :, MATRIX] / self._softness
+            second = np.einsum("vaij,vak->ijk", forces, fields)
+            # warping has some of it
+            L = np.einsum("vij,vk->jik", T, self.arms(vertices))
+            warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ C
+            coupling = np.einsum("vaij,vak->kij", forces, T) - warped - warped.transpose(0, 2, 1)
+        return Dent.of(C, second, coupling)
 
     def fields(self, vertices: Indices) -> Array:
         """What a dent is made of, by `Dent.amounts`, (n, 3, 9): m/N of unit forces, then m/N² of their pairs.
@@ -131,12 +131,11 @@ class Compliance:
         """
         if self.dent(vertices).linear:
             return self.of_grab(vertices)
-        key = vertices.tobytes()
-        if key not in self._fields:
-            _make_room(self._fields)
-            pairs = self.of(self._bending(vertices).transpose(2, 0, 1)) / self._softness
-            self._fields[key] = np.concatenate([self.of_grab(vertices), pairs.transpose(1, 2, 0)], axis=2)
-        return self._fields[key]
+        return _remembered(self._fields, vertices, self._with_pairs)
+
+    def _with_pairs(self, vertices: Indices) -> Array:
+        pairs = self.of(self._bending(vertices).transpose(2, 0, 1)) / self._softness
+        return np.concatenate([self.of_grab(vertices), pairs.transpose(1, 2, 0)], axis=2)
 
     def _bending(self, vertices: Indices) -> Array:
         """Minus ∂³V/∂u³ along what unit forces move, of the solid that is not stiffened, (n, 3, 6)."""
@@ -243,10 +242,17 @@ class Dent(NamedTuple):
         return min(1.0, MOST_CHANGED / size) if size > 0 else 1.0
 
 
-def _make_room(kept: dict[bytes, Any]) -> None:
-    """Forget the first of many grabs, unless another thread just did."""
-    if len(kept) >= REMEMBERED:
-        kept.pop(next(iter(kept)), None)
+def _remembered(known: dict[bytes, Kept], vertices: Indices, make: Callable[[Indices], Kept]) -> Kept:
+    """What is known of a grab, made where it is not; of many grabs the first is forgotten. Threads share all of it."""
+    key = vertices.tobytes()
+    found = known.get(key)
+    if found is None:
+        found = make(vertices)  # not under the lock, for it takes long; if two threads make the same, the last is kept
+        with ROOM:
+            if len(known) >= REMEMBERED:
+                del known[next(iter(known))]
+            known[key] = found
+    return found
 
 
 @njit(cache=True)
