@@ -94,7 +94,7 @@ site: $(ENVIRONMENT) ## the documentation as a site with search and live pages o
 
 # Without a name it would be the folder of all runs.
 clean: ## remove the files of the experiment
-	$(foreach name,EXPERIMENT RUNS,$(if $(strip $($(name))),,$(error $(name) is empty; what would be removed is $(RUN))))rm -rf $(RUN)
+	$(foreach name,EXPERIMENT RUNS,$(if $(strip $($(name))),,$(error $(name) is empty; what would be removed is $(RUN))))rm -rf $(RUN) $(basename $(CONFIG)).enriched$(suffix $(CONFIG))
 
 help: ## this list
 	@echo "make [GOAL] [EXPERIMENT=$(EXPERIMENT)]: EXPERIMENT names a file in configs/, its files lie in runs/EXPERIMENT/"

@@ -49,7 +49,10 @@ class Options(BaseModel):
         for name, value in self:
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, int | float) and abs(number) > LARGEST and "seed" not in name:
-                    raise ValueError(f"{name} is {number:.3g}; allowed are sizes up to {LARGEST:g}")
+                    got = (
+                        f"{number:.3g}" if isinstance(number, float) else f"a number of {len(str(abs(number)))} digits"
+                    )
+                    raise ValueError(f"{name} is {got}; allowed are sizes up to {LARGEST:g}")
         return self
 
     def replace(self, **changes: Any) -> Self:
@@ -111,7 +114,13 @@ def read_options(path: Path, what: str, kind: type[Given]) -> Given:
         SettingsError: the file is missing or not YAML, or a key or value is not allowed; one line names each fault
             with its path, what was got and what is allowed.
     """
-    if not path.is_file():
+    try:
+        there, folder = path.is_file(), path.is_dir()
+    except OSError as error:  # a name that is too long, a folder that may not be searched
+        raise SettingsError(f"{what} {path} cannot be read: {error.strerror}; give a file that can be read") from error
+    if folder:
+        raise SettingsError(f"{what} {path} is a folder; give a YAML file")
+    if not there:
         hint = ", and `ldsim new` writes one" if what == "configuration" else ""
         raise SettingsError(f"{what} {path} does not exist; examples lie in configs/{hint}")
     if path.stat().st_size > MOST_BYTES:
@@ -119,7 +128,9 @@ def read_options(path: Path, what: str, kind: type[Given]) -> Given:
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), _Loader)
         _check_extent(content)
-    except (yaml.YAMLError, ValueError, RecursionError, OSError) as error:
+    except OSError as error:
+        raise SettingsError(f"{what} {path} cannot be read: {error.strerror}; give a file that can be read") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise SettingsError(f"{what} {path} is not valid YAML: {reason}") from error
     if content is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
 import io
 import os
@@ -18,6 +19,8 @@ import h5py
 from ldsim.artefacts.sealed_file import BLOCK, seal
 from ldsim.errors import ArtefactError
 
+# Errors of a place that has no room left.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 # Temporary names tell who writes: a disk may be shared by machines, and a process is known only on its own.
 HOST = re.sub(r"\W", "_", platform.node())[:40]
 # On Windows os.kill ends the process that it is to ask for.
@@ -37,10 +40,8 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
-        raise ArtefactError(
-            f"cannot write {path}: {reason}; free some space or choose another folder with --runs "
-            "(finished artefacts are untouched)"
-        ) from error
+        turn = "free some space" if error.errno in FULL else "write to a place that takes it"
+        raise ArtefactError(f"cannot write {path}: {reason}; {turn} (finished artefacts are untouched)") from error
 
 
 @contextlib.contextmanager

@@ -84,9 +84,10 @@ def _area_vectors(a: Array, b: Array, triangles: NDArray[np.int32]) -> Array:
 
 
 def vertex_normals(positions: Array, triangles: NDArray[np.int32]) -> Array:
-    """Unit normals n = N / ‖N‖ with N the sum of the triangles' area vectors, (v, 3) float64."""
+    """Unit normals n = N / ‖N‖ with N the sum of the triangles' area vectors, (v, 3) float64; z where that is zero."""
     N = _area_vectors(positions, positions, triangles)
-    normals: Array = N / np.maximum(np.linalg.norm(N, axis=1, keepdims=True), 1e-300)
+    sizes = np.linalg.norm(N, axis=1, keepdims=True)
+    normals: Array = np.where(sizes > 0, N / np.maximum(sizes, 1e-300), (0.0, 0.0, 1.0))
     return normals
 
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import os
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import meshio
 import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
-from ldsim.mesh.gltf_file import read_gltf
+from ldsim.mesh.gltf_file import files_of_gltf, read_gltf
 from ldsim.mesh.mesh import Group, Mesh, without_unused_vertices
 from ldsim.mesh.skin import Paint, Skin, read_obj
 from ldsim.mesh.triangles import Triangles
@@ -27,6 +29,8 @@ ENTITIES = ("points", "edges", "faces", "cells")
 SURFACE_CUTS = {"triangle": [[0, 1, 2]], "quad": [[0, 1, 2], [0, 2, 3]]}
 # Read here, with what they are painted with.
 PAINTED = (".obj", ".glb", ".gltf")
+# Formats with a part of their numbers in a second file, and where that is not named in the first, what it is called.
+XDMF, PAIRS = (".xdmf", ".xmf"), {".ele": ".node", ".node": ".ele"}
 COMMON_EXTENSIONS = ".mesh, .msh, .vtk, .vtu, .inp, .xdmf"
 
 
@@ -116,6 +120,28 @@ def read_skin(path: str | Path, scale: float = 1.0) -> Skin:
     read = read_surface(path, scale)
     part = np.zeros(len(read.faces), dtype=np.int64)
     return Skin(read.vertices, read.faces, None, None, part, ((path.stem, Paint("surface")),))
+
+
+def companions(path: Path) -> list[Path]:
+    """The other files that a mesh file is read with, as far as they are there: what they hold is the mesh too."""
+    suffix = path.suffix.lower()
+    if suffix in PAIRS:
+        names = [path.with_suffix(PAIRS[suffix]).name]
+    elif suffix in XDMF:
+        names = _files_of_xdmf(path)
+    else:
+        names = files_of_gltf(path) if suffix == ".gltf" else []
+    places = sorted({path.parent / name for name in names})
+    return [place for place in places if place.is_file() and os.access(place, os.R_OK)]
+
+
+def _files_of_xdmf(path: Path) -> list[str]:
+    try:
+        items = list(ElementTree.parse(path).iter("DataItem"))
+    except (ElementTree.ParseError, OSError, ValueError):  # whoever reads the mesh says so
+        return []
+    texts = [item.text or "" for item in items if item.get("Format") in ("HDF", "Binary")]
+    return [text.strip().partition(":")[0] for text in texts]  # of HDF what follows is a dataset
 
 
 @contextlib.contextmanager

@@ -37,6 +37,16 @@ def read_gltf(path: Path) -> Skin:
         raise MeshError(f"{path} is not a readable glTF file ({error!r})") from error
 
 
+def files_of_gltf(path: Path) -> list[str]:
+    """The files beside a .gltf that it names; none of one that cannot be read."""
+    try:
+        document = _File(path).document
+        entries = [entry for kind in ("buffers", "images") for entry in document.get(kind, [])]
+        return [unquote(entry["uri"]) for entry in entries if not entry.get("uri", "data:").startswith("data:")]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, struct.error):
+        return []
+
+
 class _File:
     def __init__(self, path: Path) -> None:
         self._path, data, self._binary = path, path.read_bytes(), b""

@@ -126,10 +126,21 @@ def _skin_of(said: _Obj) -> Skin:
     v, t, n = np.array(list(said.corners), dtype=np.int64).reshape(-1, 3).T
     numbers = {kind: np.array(values, dtype=np.float64) for kind, values in said.numbers.items()}
     uv = numbers["vt"][t] * [1.0, -1.0] + [0.0, 1.0] if len(t) and t.min() >= 0 else None
-    normals = numbers["vn"][n] if len(n) and n.min() >= 0 else None
+    normals = _units(numbers["vn"][n]) if len(n) and n.min() >= 0 else None
     parts = tuple((group, said.looks.get(name, Paint(name or "surface"))) for group, name in said.names)
     triangles = np.array(said.triangles, dtype=np.int64).reshape(-1, 3)
     return Skin(numbers["v"].reshape(-1, 3)[v], triangles, uv, normals, np.array(said.part, dtype=np.int64), parts)
+
+
+def _units(normals: Array) -> Array | None:
+    """Of unit length, which OBJ does not ask for; None where one has no direction, so that the triangles give all."""
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / lengths if lengths.min() > 0 else None
+
+
+def _share(number: float) -> float:
+    """A colour's share, between 0 and 1."""
+    return min(1.0, max(0.0, number))
 
 
 def _below(folder: Path, file: Path, name: str) -> Path | None:
@@ -148,10 +159,10 @@ def _materials(obj: Path, library: str) -> dict[str, Paint]:
         if word == "newmtl":
             name, found[rest] = rest, Paint(rest)
         elif word == "Kd" and name:
-            red, green, blue = _numbers(rest, 3)
+            red, green, blue = map(_share, _numbers(rest, 3))
             found[name] = replace(found[name], colour=(red, green, blue, found[name].colour[3]))
         elif word == "d" and name:
-            found[name] = replace(found[name], colour=(*found[name].colour[:3], float(rest.split()[0])))
+            found[name] = replace(found[name], colour=(*found[name].colour[:3], _share(float(rest.split()[0]))))
         elif word == "map_Kd" and name:
             picture = _below(obj.parent, path, rest.split()[-1])
             if picture is not None:

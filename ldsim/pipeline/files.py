@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from ldsim.errors import SettingsError
+from ldsim.mesh.formats import companions
 
 DATA_VARIABLE = "LDSIM_DATA"
+VARIABLE = re.compile(rf"\$(?:{DATA_VARIABLE}\b|\{{{DATA_VARIABLE}\}})")
 DATA_ORIGIN = "its authors publish it in the GitHub repository lawsonfulton/AutoDef"
 
 
@@ -21,7 +24,15 @@ def file_sums(names: Iterable[str], base: Path) -> str:
         SettingsError: one is not there.
     """
     paths = {name: resolve_path(name, base) for name in names}
-    return json.dumps({name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in paths.items()})
+    return json.dumps({name: content_hash(path) for name, path in paths.items()})
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file, and of those that a mesh file is read with."""
+    digest = hashlib.sha256()
+    for each in (path, *companions(path)):
+        digest.update(each.read_bytes())
+    return digest.hexdigest()
 
 
 def resolve_path(text: str, base: Path) -> Path:
@@ -30,7 +41,7 @@ def resolve_path(text: str, base: Path) -> Path:
     Raises:
         SettingsError: LDSIM_DATA is used but not set, or the file is not there or cannot be read.
     """
-    from_data = DATA_VARIABLE in text
+    from_data = VARIABLE.search(text) is not None
     if from_data:
         root = os.environ.get(DATA_VARIABLE, "")
         if not root:
@@ -39,7 +50,7 @@ def resolve_path(text: str, base: Path) -> Path:
                 f"interactions/; {DATA_ORIGIN}"
             )
         root = str(Path(root).resolve())
-        text = text.replace("${" + DATA_VARIABLE + "}", root).replace("$" + DATA_VARIABLE, root)
+        text = VARIABLE.sub(lambda _: root, text)
     try:
         path = base / Path(text).expanduser()
         there = path.exists()

@@ -10,7 +10,6 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.artefacts.records import read_scene, write_scene
-from ldsim.artefacts.store import file_hash
 from ldsim.errors import ArtefactError, SettingsError
 from ldsim.mechanics.dead_loads import load_force
 from ldsim.mechanics.pins import pinned_vertices
@@ -23,7 +22,7 @@ from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.repair import repaired
 from ldsim.mesh.shapes import shaped
 from ldsim.mesh.tetrahedralize import tetrahedralized, tetrahedralized_to_count
-from ldsim.pipeline.files import file_sums, resolve_path
+from ldsim.pipeline.files import content_hash, file_sums, resolve_path
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.run import Run
@@ -148,7 +147,7 @@ def _column(name: str | None, cell_data: Numbers) -> Array | None:
 
 def surface_identity(path: Path, options: SurfaceOptions, scale: float, refine: int) -> str:
     """SHA-256 of all that shapes the tets of a surface."""
-    return hashlib.sha256(f"{file_hash(path)} {scale} {refine} {options.dump()}".encode()).hexdigest()
+    return hashlib.sha256(f"{content_hash(path)} {scale} {refine} {options.dump()}".encode()).hexdigest()
 
 
 def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tell) -> Tets:

@@ -128,8 +128,8 @@ class SnapshotOptions(FullOptions):
         pairs = zip(self.motions, self.roles, strict=True)
         motions = tuple(motion.replace(role=role) for motion, role in pairs if role in roles)
         chosen = {"motions": motions, "test_share": 0.0, "test_seed": 0}
-        usual = {"workers": type(self).model_fields["workers"].default}  # they change no frame
-        return self.model_copy(update=chosen | usual)
+        usual = {name: type(self).model_fields[name].default for name in ("workers", "linear_solver")}
+        return self.model_copy(update=chosen | usual)  # what is usual changes no frame
 
     @property
     def solver(self) -> FullOptions:
@@ -160,7 +160,7 @@ class StatementOptions(Options):
 class SimulateOptions(Options):
     """How the motions are run and judged."""
 
-    motions: Annotated[tuple[str, ...] | None, Field(description="Which motions; left out, all.")] = None
+    motions: Annotated[tuple[str, ...] | None, Field(min_length=1, description="Which motions; left out, all.")] = None
     points: Annotated[
         int | None, Field(ge=1, description="The largest latent rule of at most so many points; left out, the best.")
     ] = None

@@ -34,7 +34,8 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
         ArtefactError: what is needed is missing or stale, or the artefact cannot be written.
     """
     stage = run.stage("simulate", options)
-    run.require("scene", "snapshots", "basis", "model", "cubature")
+    read = ("scene", "snapshots", *(("tests",) if run.path("tests").is_file() else ()), "basis", "model", "cubature")
+    run.require(*read)
     snapshots, changed = run.played, options.material is not None
     spaces = _spaces(run, options)
     names = _known(options.motions, snapshots.names)
@@ -58,8 +59,7 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
                 notes[f"{space}_minimiser"] = minimiser
     notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
-    tests = ("tests",) if run.path("tests").is_file() else ()
-    header = stage.header("simulation", ("scene", "snapshots", *tests, "basis", "model", "cubature"), -1, **notes)
+    header = stage.header("simulation", read, -1, **notes)
     write_simulation(run.path("simulation"), header, runs, fresh)
     run.written("simulation")
     if options.statement is not None and fresh:

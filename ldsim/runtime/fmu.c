@@ -46,6 +46,7 @@ typedef struct {
     double at[TRACKS][3];
     uint32_t vertex[TRACKS];
     int64_t steps; /* taken since the start */
+    int32_t initialised; /* from then on what is tracked is fixed */
 } settings;
 
 typedef struct {
@@ -53,7 +54,6 @@ typedef struct {
     ldsim_solid *solid;
     ldsim_info info;
     settings now;
-    int initialised; /* from then on what is tracked is fixed */
     logger log;
     void *environment;
     char name[64];
@@ -142,7 +142,7 @@ static int set_numbers(unit *u, const reference r[], size_t count, const double 
         double *kept = input(u, r[i]);
         if (!kept) return say(u, ERROR, "there is no such number, or it is an output");
         if (!isfinite(values[i])) return say(u, ERROR, "a number is not finite");
-        if (r[i] >= TRACK && u->initialised) return say(u, ERROR, "what is tracked is fixed once the unit is initialised");
+        if (r[i] >= TRACK && u->now.initialised) return say(u, ERROR, "what is tracked is fixed once the unit is initialised");
         *kept = values[i], tracked |= r[i] >= TRACK;
     }
     if (tracked) track(u);
@@ -200,7 +200,6 @@ static void begin(unit *u)
     for (int t = 0; t < TRACKS; t++)
         for (int i = 0; i < 3; i++) u->now.at[t][i] = x[3 * far + i];
     track(u);
-    u->initialised = 0;
 }
 
 static void end(unit *u)
@@ -344,7 +343,7 @@ API(EnterInitializationMode)(
 #endif
     return (void)u, OK;
 }
-API(ExitInitializationMode)(void *u) { return ((unit *)u)->initialised = 1, OK; }
+API(ExitInitializationMode)(void *u) { return ((unit *)u)->now.initialised = 1, OK; }
 API(Terminate)(void *u) { return (void)u, OK; }
 API(Reset)(void *u) { return begin(u), OK; }
 EXPORTED void NAME(FreeInstance)(void *u) { end(u); }

@@ -216,7 +216,7 @@ def extended(settings: Settings, r: int, columns: int, poor_fit: bool, last: str
 
 def current(config: Path) -> Path:
     """The configuration to make: what rounds came to, as long as the one that it was made from is the same."""
-    if not config.is_file():  # whoever reads it says so
+    if not os.path.isfile(config):  # whoever reads it says so, as where it may not be read
         return config
     place = _enriched_of(config)
     try:

@@ -38,6 +38,14 @@ class Settings(Options):
             raise ValueError("pca.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self
 
+    @model_validator(mode="after")
+    def _simulated_motions_are_known(self) -> Settings:
+        known = [motion.name for motion in self.snapshot.motions]
+        for name in self.simulate.motions or ():
+            if name not in known:
+                raise ValueError(f"simulate.motions names {name!r}; the motions of snapshot are {', '.join(known)}")
+        return self
+
     def section(self, stage: str) -> Options:
         """The options of a stage."""
         section: Options = getattr(self, stage)

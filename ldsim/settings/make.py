@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
@@ -46,6 +47,10 @@ AHEAD = "ldsim.dynamics.reduced.ahead"
 MISSED = 3
 # A note of a header: the files outside the run that it was made from.
 FILES = "files"
+LACKS_MEMORY = (
+    ", as the system ends what takes too much memory; what was finished is kept — use a coarser mesh, fewer "
+    "snapshot.workers or a machine with more memory"
+)
 
 
 class Staleness:
@@ -184,7 +189,10 @@ def make(
             command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs), *flags.get(stage, ())]
             status = subprocess.run(command, check=False).returncode
             if status not in (0, MISSED):
-                raise StageFailed(stage, status)
+                failed = StageFailed(stage, status)
+                if status < 0:
+                    say(str(failed))
+                raise failed
             known.written(stage)
             ran[stage] = reason
     return ran
@@ -217,11 +225,12 @@ def compiled_ahead(say: Callable[[str], object]) -> Iterator[Callable[[str], Non
 
 
 class StageFailed(Exception):
-    """A stage ended with an error that it has told itself."""
+    """A stage ended with an error that it has told itself, or by a signal, of which `make` tells."""
 
     def __init__(self, stage: str, status: int) -> None:
-        super().__init__(f"{stage} ended with status {status}")
-        self.status = status
+        words = f"was ended by signal {-status}" + LACKS_MEMORY * (-status == signal.SIGKILL)
+        super().__init__(f"{stage} {words if status < 0 else f'ended with status {status}'}")
+        self.status = status if status > 0 else 1
 
 
 def up_to(stage: str) -> tuple[str, ...]:

@@ -380,9 +380,12 @@ class Simulator:
         present, given = self.coordinates.shape, self._stepper.coordinates(saved.state).shape
         if present != given:
             raise SolverError(f"the saved state has coordinates {given}; this simulator has {present}")
-        if not self._stepper.within(saved.state, self._limit):
+        stepper, state, scale = self._stepper, saved.state, saved.material_scale
+        if scale != self._material_scale:  # how far weight and grabs move a condensed solid goes by its own
+            stepper, state = self._own_stepper.stiffened(scale), state.renewed()
+        if not stepper.within(saved.state, self._limit):
             raise SolverError(f"the saved state is not finite or more than {self._limit:.3g} m from rest")
-        self._stepper, self._state = self._scaled(saved.state, saved.material_scale)
+        self._stepper, self._state = stepper, state
         self._gravity, self._material_scale = saved.gravity, saved.material_scale
         self.held, self._number = dict(saved.grabs), saved.number
         # another simulator may have saved it: what is grabbed from now on must not take the place of its grabs

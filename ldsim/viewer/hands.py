@@ -114,9 +114,10 @@ class Hands:
         """
         if not self._poses:
             raise LdsimError("nothing to undo: undo goes back to before the last pull, motion or return to rest")
-        pose = self._poses.pop()
+        pose = self._poses[-1]
         for simulator, state in zip(pose.simulators, pose.states, strict=True):
             simulator.restore(state)
+        self._poses.pop()
         for simulator in shown:
             if simulator not in pose.simulators:
                 simulator.follow(pose.simulators[0])

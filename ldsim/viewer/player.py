@@ -49,7 +49,7 @@ class Player:
 
     def status(self) -> dict[str, object]:
         """What the page shows of it."""
-        words = {name: piece.words for name, piece in self.pieces.items()}
+        words = {name: piece.words for name, piece in dict(self.pieces).items()}  # a page asks from another thread
         return {"playing": self.playing, "motions": words, "chosen": self.chosen}
 
     def choose(self, name: str) -> None:

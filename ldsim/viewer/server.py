@@ -176,10 +176,10 @@ class Server:
         self._served += 1
         client = Client(self._served)
         self._clients.add(client)
-        self._send_text(json.dumps(self._session.status()))
-        self._session.watch(self._audience)
         sending = asyncio.create_task(_send(connection, client))
         try:
+            self._send_text(json.dumps(self._session.status()))
+            self._session.watch(self._audience)
             async for text in connection:
                 reason = self._obeyed(client, text)
                 if reason:

@@ -264,6 +264,7 @@ class Session:
             case protocol.ButtonMessage():
                 if self._recording:
                     raise LdsimError("a recording does not go back to rest; stop it, then record another take")
+                self._stop_playing()  # what is remembered is held by hands alone
                 self._remember()
                 self._reset()
             case protocol.SpacesMessage():
@@ -399,6 +400,7 @@ class Session:
             return
         if self._recording:
             raise LdsimError("stop the recording first; then play it back")
+        self._stop_playing()
         self._remember()
         self._reset()
         self.player.play(self._shown)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import shutil
+import signal
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -83,6 +85,21 @@ def test_a_setting_makes_its_stage_and_what_follows_stale(
     assert list(found) == after(stage)
     assert found[stage] == f"{key.split('.', 1)[1]} changed"
     assert all("comes before it" in found[later] for later in after(stage)[1:])
+
+
+@pytest.mark.parametrize(("key", "value"), [("workers", 2), ("linear_solver", "multigrid")])
+def test_how_much_memory_runs_may_take_makes_nothing_stale(experiment: Experiment, key: str, value: object) -> None:
+    experiment.change(f"snapshot.{key}", value)
+    assert stale(experiment) == {}
+
+
+def test_a_stage_that_a_signal_ends_is_told(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As Linux ends what takes more memory than there is; the stage itself cannot say so any more."""
+    monkeypatch.setattr(subprocess, "run", lambda command, check: subprocess.CompletedProcess(command, -signal.SIGKILL))
+    experiment.change("train.learning_rate", 1e-3)
+    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
+    assert result.exit_code == 1
+    assert "train was ended by signal 9, as the system ends what takes too much memory" in result.output
 
 
 @pytest.mark.parametrize("stage", WRITES)

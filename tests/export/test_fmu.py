@@ -198,6 +198,7 @@ def test_what_is_tracked_is_chosen_before_the_first_step_and_seen_at_once(
     if unit.second:
         unit.unit.setupExperiment(startTime=0.0)
     unit.unit.enterInitializationMode()
+    before = unit.call("getFMUstate")
     chosen = x[np.linalg.norm(x - far, axis=1).argsort()[len(x) // 2]]
     unit.set({"track[1].at": chosen + 1e-3 * size})
     np.testing.assert_allclose(unit.get("track[1].position"), chosen, atol=0.05 * size)
@@ -205,6 +206,9 @@ def test_what_is_tracked_is_chosen_before_the_first_step_and_seen_at_once(
     with pytest.raises(FMICallException):
         unit.set({"track[1].at": far})
     np.testing.assert_array_equal(unit.get("track[1].at"), chosen + 1e-3 * size)
+    unit.call("setFMUstate", before)  # which was not initialised
+    unit.set({"track[1].at": far})
+    unit.call("freeFMUstate", before)
     unit.unit.terminate()
     unit.unit.freeInstance()
 

@@ -36,6 +36,7 @@ CONFIGURATIONS: dict[str, tuple[str, str]] = {
     "braces": ("{a: " * 2000, "is not valid YAML"),
     "a date that does not exist": (WHOLE + "date: 2026-02-30\n", "is not valid YAML"),
     "five thousand digits": (with_line("k: 6", f"k: {'9' * 5000}"), "is not valid YAML"),
+    "four hundred digits": (with_line("k: 6", f"k: {'9' * 400}"), "k is a number of 400 digits"),
     "unknown keys": (WHOLE + "".join(f"key{i}: 1\n" for i in range(20_000)), "and 19990 more"),
     "aliases of aliases": (LAUGHS, "aliases counted"),
     "an alias of itself": ("a: &a [*a]\n", "aliases counted"),
@@ -79,7 +80,7 @@ def test_what_is_no_file_is_never_read(kind: str, tmp_path: Path) -> None:
         resolve_path(str(path), Path())
     with pytest.raises(LdsimError, match="is no file"):
         read_recording(path, "a")
-    with pytest.raises(SettingsError, match="does not exist"):
+    with pytest.raises(SettingsError, match="is a folder" if kind == "folder" else "does not exist"):
         load_settings(path)
 
 

@@ -97,6 +97,17 @@ def test_a_mark_of_the_encoding_and_tabs_are_understood(tmp_path: Path, text: st
     assert len(skin.positions) == 3 and skin.parts[0][1].name == "wood"
 
 
+def test_normals_of_any_length_and_colours_beyond_1_become_what_gltf_allows(tmp_path: Path) -> None:
+    (tmp_path / "part.mtl").write_text("newmtl wood\nKd 1.2 0.5 -1\nd 1.5\n")
+    text = "mtllib part.mtl\nusemtl wood\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 {}\nf 1//1 2//1 3//1\n"
+    (tmp_path / "part.obj").write_text(text.format(2))
+    skin = read_skin(tmp_path / "part.obj")
+    assert skin.normals is not None and skin.normals.tolist() == [[0.0, 0.0, 1.0]] * 3
+    assert skin.parts[0][1].colour == (1.0, 0.5, 0.0, 1.0)
+    (tmp_path / "part.obj").write_text(text.format(0))
+    assert read_skin(tmp_path / "part.obj").normals is None
+
+
 def _gltf(document: dict[str, object]) -> str:
     return json.dumps({"asset": {"version": "2.0"}, **document})
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ldsim.errors import SettingsError
-from ldsim.pipeline.files import resolve_path
+from ldsim.mesh.mesh import Mesh
+from ldsim.pipeline.files import file_sums, resolve_path
+from tests.mesh.painted import write_gltf
+from tests.mesh.test_formats import POINTS, TET, write
 
 
 @pytest.mark.parametrize(
@@ -36,3 +40,29 @@ def test_a_file_that_may_not_be_read_is_refused_in_one_line(tmp_path: Path, monk
     with pytest.raises(SettingsError, match=r"part\.vtk may not be read by you") as error:
         resolve_path("part.vtk", tmp_path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("extension", [".xdmf", ".ele", ".gltf", ".vtk"])
+def test_a_mesh_of_which_only_the_second_file_has_changed_is_another(tmp_path: Path, extension: str) -> None:
+    """Numbers of .xdmf lie in an .h5, those of .ele in a .node, those of .gltf in its buffers."""
+
+    def written(size: float) -> str:
+        if extension == ".gltf":
+            return write_gltf(tmp_path, np.zeros(3), np.full(3, size), binary=False).name
+        write(tmp_path / f"part{extension}", Mesh(size * POINTS[:4], TET, "tet4"))
+        return f"part{extension}"
+
+    name = written(1.0)
+    one = file_sums([name], tmp_path)
+    assert file_sums([written(1.0)], tmp_path) == one
+    assert file_sums([written(2.0)], tmp_path) != one
+
+
+def test_a_name_that_only_looks_like_the_variable_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LDSIM_DATA", str(tmp_path / "data"))
+    for folder in ("LDSIM_DATA", "$LDSIM_DATA_OLD", "data"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.mesh").touch()
+        assert resolve_path(f"{folder}/a.mesh", tmp_path) == tmp_path / folder / "a.mesh"
+    for text in ("$LDSIM_DATA/a.mesh", "${LDSIM_DATA}/a.mesh"):
+        assert resolve_path(text, tmp_path) == (tmp_path / "data" / "a.mesh").resolve()

@@ -340,6 +340,16 @@ def test_a_verdict_in_words(error, word):
     assert found.word == word and found.why.startswith("the latent space of 10 numbers")
 
 
+def test_a_linear_space_that_nothing_was_compared_with_is_not_called_lost():
+    """As where simulate.material is another one than that of the full-space runs."""
+    report = example_report() | {"statement": None, "space": "linear"}
+    for run in report["frontier"]:
+        run |= {"space": "linear", "online_error": None}
+    assert verdict(RunNumbers.model_validate(report)).word == "not judged"
+    report["frontier"].append(report["frontier"][0] | {"space": "latent", "online_error": 0.1})
+    assert verdict(RunNumbers.model_validate(report)).word == "do not use"
+
+
 def test_a_statement_is_the_verdict_where_there_is_one():
     assert verdict(RunNumbers.model_validate(example_report())).why.startswith(
         "the latent space of 10 numbers stays within 4.63 %"

@@ -92,6 +92,18 @@ def test_a_grab_after_restoring_what_another_simulator_saved_leaves_its_grabs_al
     assert [pull.on(second).grab.stiffness for pull in pulls] == [40.0, 20.0]
 
 
+def test_a_state_is_judged_by_the_material_that_it_was_saved_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weight moves a condensed solid the farther the softer it is, beside its coordinates."""
+    simulator = reduced()
+    simulator.step(2)
+    saved, shape = simulator.save(), simulator.displacement()
+    simulator.material_scale = 0.1
+    monkeypatch.setattr(simulator._stepper, "within", lambda state, limit: False)
+    simulator.restore(saved)
+    np.testing.assert_array_equal(simulator.displacement(), shape)
+    assert simulator.material_scale == 1.0
+
+
 def test_what_is_restored_must_be_of_this_space_and_sane() -> None:
     latent, linear, full = every_kind()
     with pytest.raises(SolverError, match="of another space than reduced"):

@@ -204,6 +204,19 @@ def test_a_motion_of_the_run_is_played_in_every_space_as_it_ran(playable: Path) 
     assert not session.player.playing and full.gravity.tolist() == list(session.look.gravity)
 
 
+def test_an_undo_of_a_reset_or_a_second_start_leaves_no_pull_of_the_motion_behind(playable: Path) -> None:
+    """Which no page would show, and nobody could let go."""
+    session = session_of(playable, [])
+    (linear,) = session._shown
+    session.player.add("up", PlayedMotion(a_motion(linear)))
+    for again in (protocol.ButtonMessage(kind="reset"), protocol.SwitchMessage(kind="replay", value=True)):
+        told(session, protocol.SwitchMessage(kind="replay", value=True))
+        stepped(session, 3)
+        assert linear.grabs
+        told(session, again, protocol.ButtonMessage(kind="undo"))
+        assert not linear.grabs and not session.hands.held and not session.player.playing
+
+
 def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(playable: Path) -> None:
     session = session_of(playable, [])
     session.player.add("up", PlayedMotion(a_motion(session._shown[0])))

@@ -63,10 +63,17 @@ export class Local {
 
   send(kind, { value, ...values } = {}) {
     const name = kind === "pause" ? "paused" : kind, acts = kind === "gravity" || kind === "stiffness";
+    const before = this.look[name];
     if (acts && this.playing) this.handlers.notice({ text: `${kind} stays as it is while a motion is played; stop first` });
     else if (name in this.look) this.look[name] = value;
     else this[kind](value ?? values);
-    if (acts && !this.playing) this.condition();
+    try {
+      if (acts && !this.playing) this.condition();
+    } catch (error) { // in every space, or in none
+      this.look[name] = before;
+      this.condition();
+      this.handlers.notice({ text: error.message });
+    }
     if (!["grab", "move", "release"].includes(kind)) this.handlers.status(this.status());
   }
 

@@ -70,7 +70,10 @@ class Page {
 
   async setStatus(status) {
     this.panel.show(status);
-    if (status.spaces.join() === this.shown.join()) return;
+    if (status.spaces.join() === this.shown.join()) {
+      if (status.colour !== this.colour) this.setColour(status.colour); // another page has chosen it
+      return;
+    }
     this.shown = status.spaces;
     const missing = status.spaces.filter((name) => !this.blocks.has(name));
     try {
