@@ -41,7 +41,7 @@ CONFIGURATIONS: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "out of range": (change("train.learning_rate", 2.0), "train.learning_rate: input should be less than 1, got 2"),
     "a key missing": (change("mesh.material.youngs_modulus", ...), "mesh.material.youngs_modulus is missing"),
     "a motion that is not there": (change("simulate.motions", ["nobody"]), "simulate.motions names 'nobody'"),
-    "no motion": (change("simulate.motions", []), "simulate.motions: tuple should have at least 1 item"),
+    "no motion": (change("simulate.motions", []), "simulate.motions: give at least 1"),
     "a folder": (lambda experiment: experiment.config.unlink() or experiment.config.mkdir(), "is a folder"),
     "two sources": (change("mesh.file", "x.mesh"), "mesh: give exactly one of file, shape, surface"),
 }
