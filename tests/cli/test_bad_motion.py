@@ -75,7 +75,8 @@ def test_a_bad_motion(experiment: Experiment, case: str) -> None:
 
 
 def test_a_motion_to_simulate_that_no_one_ran(experiment: Experiment) -> None:
-    experiment.configure(TINY | {"simulate": {"motions": ["z"]}})
+    motions = [*TINY["snapshot"]["motions"], TINY["snapshot"]["motions"][1] | {"name": "z"}]
+    experiment.configure(TINY | {"snapshot": TINY["snapshot"] | {"motions": motions}, "simulate": {"motions": ["z"]}})
     assert "simulate.motions names 'z'; the snapshots hold a, b" in refusal(experiment, "simulate")
 
 

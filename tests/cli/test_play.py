@@ -224,7 +224,7 @@ def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("command", "words"), [("make", "does not exist"), ("record", "is a folder; give a mesh, a surf")]
+    ("command", "words"), [("make", "is a folder"), ("record", "is a folder; give a mesh, a surf")]
 )
 def test_a_folder_in_the_place_of_a_file(tmp_path: Path, command: str, words: str) -> None:
     assert words in refused(CliRunner().invoke(main, [command, str(tmp_path)]))
