@@ -132,7 +132,7 @@ def companions(path: Path) -> list[Path]:
     else:
         names = files_of_gltf(path) if suffix == ".gltf" else []
     places = sorted({path.parent / name for name in names})
-    return [place for place in places if place.is_file() and os.access(place, os.R_OK)]
+    return [place for place in places if os.path.isfile(place) and os.access(place, os.R_OK)]  # any name may be asked
 
 
 def _files_of_xdmf(path: Path) -> list[str]:

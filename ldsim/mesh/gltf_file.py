@@ -43,7 +43,7 @@ def files_of_gltf(path: Path) -> list[str]:
         document = _File(path).document
         entries = [entry for kind in ("buffers", "images") for entry in document.get(kind, [])]
         return [unquote(entry["uri"]) for entry in entries if not entry.get("uri", "data:").startswith("data:")]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, struct.error):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error):
         return []
 
 

@@ -66,3 +66,9 @@ def test_a_name_that_only_looks_like_the_variable_is_a_name(tmp_path: Path, monk
         assert resolve_path(f"{folder}/a.mesh", tmp_path) == tmp_path / folder / "a.mesh"
     for text in ("$LDSIM_DATA/a.mesh", "${LDSIM_DATA}/a.mesh"):
         assert resolve_path(text, tmp_path) == (tmp_path / "data" / "a.mesh").resolve()
+
+
+def test_a_second_file_with_a_name_that_is_too_long_is_none(tmp_path: Path) -> None:
+    """Whoever reads the mesh says so."""
+    (tmp_path / "part.gltf").write_text('{"buffers": [{"uri": "%s.bin"}]}' % (300 * "a"))
+    assert "part.gltf" in file_sums(["part.gltf"], tmp_path)
