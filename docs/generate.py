@@ -306,7 +306,8 @@ def _allowed(node: Node) -> str:
     if "prefixItems" not in node and "minItems" in node:
         limits.append(f"at least {node['minItems']}")
     if "pattern" in node:
-        limits.append("letters, digits, `_`, `.`, `-`")
+        device = "cuda" in node["pattern"]
+        limits.append("`auto`, `cpu`, `cuda`, `cuda:1`" if device else "letters, digits, `_`, `.`, `-`")
     if "items" in node and "$ref" not in node["items"]:
         limits.append(_allowed(node["items"]))
     return ", ".join(limit for limit in limits if limit)

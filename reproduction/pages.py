@@ -7,8 +7,8 @@ In a page stands
     <!-- stale: numbers --> … <!-- /stale -->
 
 and what is between the two comments is written anew from the file; a test fails where they differ. A table ends in
-where it comes from, and which code or configurations have changed since; the last tells the same of all numbers of the
-page, and is empty where nothing has changed.
+where it comes from, and in whether code or configurations have changed since; the last tells the same of all numbers of
+the page, and is empty where nothing has changed.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ def filled(text: str, results: Path = RESULTS) -> str:
 
 
 def stale_numbers(text: str, results: Path = RESULTS) -> str:
-    """What a page says of its numbers whose results are stale; nothing where none is."""
+    """What a page says of its numbers whose results are stale, with the days they are of; nothing where none is."""
     files = {found[2].partition("|")[0].strip() for found in MARKED.finditer(text) if found[1] == "number"}
-    told: dict[str, list[str]] = {}
-    for file in sorted(files):
-        content = json.loads((results / file).read_text(encoding="utf-8"))
-        if stale := staleness(content):
-            told.setdefault(stale, []).append(f"`{file}` of {content['created'][:10]}")
-    return "".join(f"{stale[:-1]} (numbers of {', '.join(names)})." for stale, names in told.items())
+    contents = [json.loads((results / file).read_text(encoding="utf-8")) for file in files]
+    days = sorted({content["created"][:10] for content in contents if staleness(content)})
+    if not days:
+        return ""
+    when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+    return f" **Stale**: the code has changed since numbers of this page were measured ({when})."
 
 
 def unmarked(text: str) -> str:
@@ -125,8 +125,4 @@ def _hash(path: Path) -> str:
 def staleness(content: Content) -> str:
     """What a page says of a result some of whose inputs have changed since, or are not known; else nothing."""
     inputs = content.get("inputs")
-    if not inputs:
-        return " **Stale**: it does not say what it was made from."
-    now = input_hashes(inputs)
-    changed = ", ".join(f"`{name}`" for name in inputs if now[name] != inputs[name])
-    return f" **Stale**: {changed} changed since." if changed else ""
+    return " **Stale**: the code has changed since." if not inputs or input_hashes(inputs) != dict(inputs) else ""

@@ -40,7 +40,8 @@ class FitOptions(Options):
         Field(description="Forces measured by the displacement energy they cause at rest, or by their size."),
     ] = "compliance"
     tolerance: Annotated[
-        float, Field(gt=0, lt=1, description="Relative error of the reduced forces on the fitted poses.")
+        float,
+        Field(gt=0, lt=1, description="Relative error of the reduced forces, on fitted poses and those kept back."),
     ] = 0.035
     max_points: Annotated[int, Field(ge=1, description="Most points of the latent rule.")] = 150
     terms: TermOptions = TermOptions()

@@ -25,7 +25,7 @@ class Slab(Options):
 
     axis: Annotated[Literal["x", "y", "z"], Field(description="Axis across the slab.")]
     at: Annotated[Literal["min", "max"], Field(description="Which end of the solid.")] = "min"
-    thickness: Annotated[Positive, Field(description="Vertices within it of the end are pinned, m.")]
+    thickness: Annotated[Positive, Field(description="How far it reaches inwards from that end, m.")]
 
     def holds(self, points: Points, mesh: Mesh) -> Mask:
         """Whether each point, (p, 3) metres, lies in it; (p,) bool."""
@@ -38,7 +38,7 @@ class Ball(Options):
     """What lies within a distance of a point."""
 
     centre: Annotated[Vector, Field(description="Centre of the ball, m.")]
-    radius: Annotated[Positive, Field(description="Vertices within it of the centre are pinned, m.")]
+    radius: Annotated[Positive, Field(description="Radius of the ball, m.")]
 
     def holds(self, points: Points, mesh: Mesh) -> Mask:
         """As `Slab.holds`."""

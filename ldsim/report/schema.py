@@ -67,9 +67,9 @@ class MeshSize(ReportSection):
 
 
 class Dimensions(ReportSection):
-    k: Annotated[Count, _about("outer PCA dimension, which the decoder maps to")]
+    k: Annotated[Count, _about("columns that the decoder's output is of: of the basis, or a condensed space's own")]
     r: Annotated[Count, _about("latent dimension")]
-    kp: Annotated[Count, _about("PCA dimension whose largest training error is that of the autoencoder")]
+    kp: Annotated[Count, _about("columns of the linear space to compare with: as good as an autoencoder, else all")]
 
 
 class VertexErrors(ReportSection):
@@ -228,7 +228,7 @@ class Verdict(ReportSection):
 
     word: Annotated[
         Literal["good", "usable", "do not use", "not judged"],
-        _about("good: at most 10 % off on motions that nothing had seen; usable: at most 30 %"),
+        _about("good: at most 10 % off by the statement, else on test, validation or training motions; usable: 30 %"),
     ]
     why: str
 
@@ -266,7 +266,7 @@ class RunNumbers(ReportSection):
     frontier: Annotated[list[FrontierRun], _about("every reduced space on every motion")]
     speedup: Speedups
     statement: Statement | None
-    rounds: Annotated[list[LearningRound], _about("how the error that was asked for was come to; empty: none was")]
+    rounds: Annotated[list[LearningRound], _about("rounds of `ldsim make --error`; empty where no error was asked for")]
     made_from: MadeFrom
     stages: Annotated[dict[str, StageCost], BeforeValidator(lambda value: _without_unknown(value, STAGES))]
     warnings: list[str]
