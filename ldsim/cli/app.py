@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import re
 import sys
@@ -32,6 +33,8 @@ COMMANDS = {
     "settings": "Check a configuration and print it with defaults.",
 }
 
+# Of a path that is only looked at: a folder that may not be searched, a name that is too long.
+NOT_TO_BE_HAD = (errno.EACCES, errno.ENAMETOOLONG)
 OUT_OF_MEMORY = re.compile("can't allocate memory|out of memory")
 
 
@@ -63,6 +66,10 @@ class LazyGroup(click.Group):
             if error.name != "torch":
                 raise
             _end_with("this command needs PyTorch, which is missing; run pip install 'ldsim[train]'")
+        except OSError as error:
+            if error.errno not in NOT_TO_BE_HAD or error.filename is None:
+                raise
+            _end_with(f"{error.filename} cannot be read: {error.strerror}; give a path that can be read")
         except (MemoryError, RuntimeError) as error:
             # PyTorch says so by a RuntimeError: "can't allocate memory" on the CPU, "CUDA out of memory" on a GPU.
             if not isinstance(error, MemoryError) and not OUT_OF_MEMORY.search(str(error)):

@@ -12,7 +12,7 @@ from ldsim.cli.parameters import asked_options, on_configuration
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
-from ldsim.settings.enrich import BEFORE, current, enrich
+from ldsim.settings.enrich import BEFORE, current, enrich, planned
 from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to_do, up_to
 
 
@@ -24,12 +24,12 @@ from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to
 def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **asked: Any) -> None:
     settings = load_settings(current(config), asked["experiment"])
     run = Run(runs / settings.experiment, settings.experiment)
+    learning = config, runs, None if until in up_to(BEFORE) else asked["error"], asked["minutes"]
     if dry_run:
-        click.echo(Staleness(run, settings, config.parent).told(until), nl=False)
+        click.echo(Staleness(run, settings, config.parent).told(until) + planned(*learning), nl=False)
         return
     try:
-        enrich(config, runs, None if until in up_to(BEFORE) else asked["error"], asked["minutes"], click.echo)
-        ran = make(current(config), runs, until, click.echo)
+        ran = enrich(*learning, click.echo) | make(current(config), runs, until, click.echo)
     except StageFailed as failed:
         raise SystemExit(failed.status) from None
     click.echo("" if ran else nothing_to_do(run, until), nl=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ldsim.cli.parameters import runs_option
+from ldsim.cli.parameters import RUNS, runs_option
 from ldsim.cli.stage import Bars, flags_of
 from ldsim.options import checked_options
 from ldsim.settings.new import NewOptions, new
@@ -21,6 +21,6 @@ def command(source: Path | None, runs: Path, **flags: object) -> None:
     path, lines = new(source, checked_options(flags, "options of new", NewOptions), runs, Bars())
     for line in lines:
         click.echo(line)
-    place = [] if runs == Path("runs") else ["--runs", str(runs)]
+    place = [] if runs == RUNS else ["--runs", str(runs)]
     made = shlex.join(["ldsim", "make", str(path), "--error", "5%", "--play", *place])
     click.echo(f"{path} is written, change in it what you like; then `{made}`")

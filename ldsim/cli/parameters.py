@@ -11,7 +11,8 @@ from typing import Any
 import click
 
 run_argument = click.argument("run", type=click.Path(path_type=Path))
-runs_option = click.option("--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of all runs.")
+RUNS = Path("runs")
+runs_option = click.option("--runs", type=click.Path(path_type=Path), default=RUNS, help="Folder of all runs.")
 
 
 def on_configuration(name: str, description: str) -> Callable[[Callable[..., None]], click.Command]:

@@ -11,7 +11,7 @@ from ldsim.pipeline.simulate import simulate
 
 @stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
 def command(call: Call) -> None:
-    runs = simulate(call.run, call.settings.simulate, call.progress)
+    runs = simulate(call.run, call.settings.simulate, call.progress, call.settings.snapshot)
     call.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))
 
 

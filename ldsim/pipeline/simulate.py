@@ -16,7 +16,7 @@ from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.optimise.solution import failures
 from ldsim.pipeline.choice_of_space import chosen_space, judging, standings
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion, residuals
-from ldsim.pipeline.options import SimulateOptions
+from ldsim.pipeline.options import SimulateOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.statement import about, bound, fresh_errors, sentence
 from ldsim.run import AUTO, REDUCED, Run
@@ -26,8 +26,16 @@ from ldsim.space.space import Space
 Trajectories = dict[str, dict[str, Trajectory]]
 
 
-def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: Progress = SILENT) -> Trajectories:
+def simulate(
+    run: Run,
+    options: SimulateOptions = SimulateOptions(),
+    progress: Progress = SILENT,
+    how: SnapshotOptions | None = None,
+) -> Trajectories:
     """Run the motions in all spaces and write simulation.h5; space → motion → what was run.
+
+    Args:
+        how: whose `workers` and `linear_solver` hold for the full-space runs of fresh motions; as usual where left out.
 
     Raises:
         SettingsError: a motion is not known.
@@ -48,7 +56,7 @@ def simulate(run: Run, options: SimulateOptions = SimulateOptions(), progress: P
     if options.statement is not None and not changed:
         with one_thread():
             rivals = [space for space in spaces if space.name in REDUCED]
-            fresh = fresh_errors(run, rivals, options.statement, reduced, progress)
+            fresh = fresh_errors(run, rivals, options.statement, reduced, progress, how)
     with one_thread(), progress.bar("simulate", steps, "step") as bar:
         for name in names:
             bar.say(name)

@@ -8,32 +8,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binom
 
 from ldsim.arrays import Array
-from ldsim.artefacts.partial import MotionStore, write_snapshots
+from ldsim.artefacts.partial import MotionStore, StoredBefore, write_snapshots
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import read_header, reading
 from ldsim.dynamics.full.linear_choice import choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
+from ldsim.errors import SolverError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
-from ldsim.pipeline.ensemble import run_motions
+from ldsim.pipeline.ensemble import run_identity, run_motions
 from ldsim.pipeline.options import SnapshotOptions, StatementOptions
 from ldsim.pipeline.progress import Progress
 from ldsim.run import Run
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
-# Full-space runs side by side.
-WORKERS = 2
 # A note of the header of fresh.h5.
 SOLVER = "solver"
 
@@ -76,13 +76,21 @@ def fresh_motions(scene: Scene, options: StatementOptions) -> list[Motion]:
 
 
 def fresh_errors(
-    run: Run, spaces: Sequence[Space], options: StatementOptions, reduced: ReducedOptions, progress: Progress
+    run: Run,
+    spaces: Sequence[Space],
+    options: StatementOptions,
+    reduced: ReducedOptions,
+    progress: Progress,
+    how: SnapshotOptions | None = None,
 ) -> dict[str, Array]:
     """Space → the online error of each fresh motion, (n,), infinite where it was lost.
 
     Their full-space runs are kept beside the run, in fresh.h5, as long as solid, motions and solver stay the same.
+
+    Args:
+        how: how many run side by side, and how their linear systems are solved; as usual where it is left out.
     """
-    _run_fresh(run, options, progress)
+    _run_fresh(run, options, progress, how)
     errors: dict[str, list[float]] = {space.name: [] for space in spaces}
     with Snapshots(run.path("fresh"), kind="tests") as snapshots:
         with progress.bar("simulate: fresh motions", len(snapshots.names) * len(spaces), "motion") as bar:
@@ -98,11 +106,12 @@ def fresh_errors(
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
+def _run_fresh(run: Run, options: StatementOptions, progress: Progress, how: SnapshotOptions | None = None) -> None:
     """The fresh motions in the full space, interrupted and gone on with like any others."""
     stage, path, folder = run.stage("snapshot", options), run.path("fresh"), run.folder / "fresh.partial"
     own = StatementOptions(motions=options.motions, pulls=options.pulls).dump()
-    solver = SnapshotOptions.of_dump(run.header("snapshots").settings).solver.replace(linear_solver="auto")
+    snapshots = SnapshotOptions.of_dump(run.header("snapshots").settings)  # with the usual workers and linear solver
+    solver, how = snapshots.solver.replace(linear_solver="auto"), snapshots if how is None else how
     if path.is_file():
         with reading(path, "tests") as file:
             header = read_header(file)
@@ -112,18 +121,32 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress) -> None:
         if same and header.notes.get(SOLVER, usual.model_dump_json()) == solver.model_dump_json():
             return
     motions = fresh_motions(run.scene, options)
-    chosen = solver.replace(linear_solver=choose(run.scene, "auto", WORKERS).name)
-    with progress.bar("simulate: fresh motions, full space", sum(each.frames for each in motions), "frame") as bar:
+    workers = min(how.workers, len(motions))
+    chosen = solver.replace(linear_solver=choose(run.scene, how.linear_solver, workers).name)
+    with ExitStack() as stack:
+        there = stack.enter_context(Snapshots(path, kind="tests")) if path.is_file() else None
+        ran = {} if there is None else {name: there.recorded(name).identity for name in there.names}
+        scene_hash = run.hash("scene")
+        kept = {
+            each.name: StoredBefore(there, each.name)
+            for each in motions
+            if there is not None and ran.get(each.name) == run_identity(scene_hash, each, chosen)
+        }
+        missing = [each for each in motions if each.name not in kept]  # who asks for more waits for those alone
+        with progress.bar("simulate: fresh motions, full space", sum(each.frames for each in missing), "frame") as bar:
 
-        def show(done: int, unfinished: int) -> None:
-            bar.say(f"{unfinished} motions to finish")
-            bar.reach(done)
+            def show(done: int, unfinished: int) -> None:
+                bar.say(f"{unfinished} motions to finish")
+                bar.reach(done)
 
-        run_motions(run.path("scene"), folder, motions, chosen, WORKERS, show)
-    notes = {SOLVER: solver.model_dump_json()}
-    header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
-    stores = [(MotionStore(folder, motion), motion, "test") for motion in motions]
-    write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
+            try:
+                run_motions(run.path("scene"), folder, missing, chosen, workers, show)
+            except SolverError as error:
+                raise type(error)(f"simulate.statement, fresh {error}") from error
+        notes = {SOLVER: solver.model_dump_json()}
+        header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
+        stores = [(kept.get(each.name) or MotionStore(folder, each), each, "test") for each in motions]
+        write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
 
 
 def about(options: StatementOptions) -> str:

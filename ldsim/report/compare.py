@@ -17,9 +17,10 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.errors import ArtefactError, ExportError
 from ldsim.report import schema
 from ldsim.report.compare_figures import comparison_figures
+from ldsim.report.overview import PAGE, read_report
 from ldsim.report.page import render
 from ldsim.report.paper import paper_row
-from ldsim.report.schema import ROLES, RunNumbers, check_report
+from ldsim.report.schema import ROLES, RunNumbers
 from ldsim.report.svg import drawn
 from ldsim.run import REDUCED, SPACES
 
@@ -70,7 +71,7 @@ class Reported:
 
     def link(self, start: Path) -> str:
         """From a page in the folder `start` to the run's own report, as an address."""
-        page = self.folder / "report" / "report.html"
+        page = self.folder / PAGE
         return quote(Path(os.path.relpath(page.resolve(), start.resolve())).as_posix())
 
 
@@ -87,30 +88,12 @@ def read_runs(folders: Sequence[Path]) -> list[Reported]:
     for folder in folders:
         if counts[folder.resolve()] > 1:
             raise ArtefactError(f"the run {folder} is given {counts[folder.resolve()]} times; give each run once")
-    reports = [_read(folder) for folder in folders]
+    reports = [read_report(folder) for folder in folders]
     names = Counter(report.experiment for report in reports)
     return [
         Reported(report.experiment if names[report.experiment] == 1 else str(folder), folder, report)
         for folder, report in zip(folders, reports, strict=True)
     ]
-
-
-def _read(folder: Path) -> RunNumbers:
-    path = folder / "report" / "report.json"
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ArtefactError(f"{path} does not exist; run `ldsim report CONFIG` of that run first") from error
-    except (OSError, ValueError) as error:
-        raise ArtefactError(f"{path} cannot be read: {error}; run `ldsim report CONFIG` of that run again") from error
-    violations = check_report(report)
-    if violations:
-        more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
-        raise ArtefactError(
-            f"{path} is not what this version of ldsim writes: {violations[0]}{more}; "
-            "run `ldsim report CONFIG` of that run again"
-        )
-    return RunNumbers.model_validate(report)
 
 
 def record(run: Reported) -> dict[str, Any]:

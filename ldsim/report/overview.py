@@ -6,12 +6,14 @@ import json
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ldsim.artefacts.store import STAGE_OF
+from ldsim.artefacts.store import STAGE_OF, file_hash
 from ldsim.errors import ArtefactError
 from ldsim.report.schema import RunNumbers, check_report
 from ldsim.run import REDUCED
 
 PAGE, NUMBERS = Path("report") / "report.html", Path("report") / "report.json"
+# What is played and exported; the report tells of those that it was made from.
+USED = ("model", "cubature", "simulation")
 COLUMNS = ("run", "state", "cells", "verdict", "space", "error", "step", "changed")
 
 
@@ -41,6 +43,8 @@ def told(folder: Path) -> list[str]:
     if numbers is None:
         return [f"{folder}: {state(folder)}"]
     lines = [f"{numbers.verdict.word}: {numbers.verdict.why}"]
+    if is_outdated(folder, numbers):
+        lines.insert(0, "warning: what the report tells of was made anew since; `ldsim make CONFIG` makes a new one")
     lines += [] if numbers.statement is None else [numbers.statement.sentence]
     lines.append(
         f"{folder}: {state(folder)}, reported {numbers.created}; {numbers.mesh.cells} {numbers.mesh.cell_type} cells, "
@@ -70,7 +74,9 @@ def missed(folder: Path, percent: float | None = None, microseconds: float | Non
         elif found is None or 100 * found > percent:
             reached = "fresh motions were lost" if found is None else f"the stated error is {100 * found:.3g} %"
             turn = "the report says what to change"
-            if not numbers.remedies:
+            if not numbers.remedies and numbers.kind == "autoencoder":
+                turn = "an autoencoder is not extended; train.kind: condensed is"
+            elif not numbers.remedies:
                 turn = "with longer `--minutes`, or for a smaller error, it goes on learning"
             words.append(f"{reached}, asked were {percent:g} %; {turn}")
     if microseconds is not None:
@@ -107,13 +113,41 @@ def state(folder: Path) -> str:
     return "finished" if (folder / PAGE).is_file() else f"done up to {stage}"
 
 
+def is_outdated(folder: Path, numbers: RunNumbers) -> bool:
+    """Whether what lies beside a report is not what it tells of."""
+    there = (kind for kind in USED if (folder / f"{kind}.h5").is_file())
+    return any(numbers.made_from.inputs.get(kind) != file_hash(folder / f"{kind}.h5") for kind in there)
+
+
 def report_of(folder: Path) -> RunNumbers | None:
     """The numbers of a run's report; None where there is none that this version reads."""
     try:
-        content = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_report(folder)
+    except ArtefactError:
         return None
-    return None if check_report(content) else RunNumbers.model_validate(content)
+
+
+def read_report(folder: Path) -> RunNumbers:
+    """The numbers of a run's report.
+
+    Raises:
+        ArtefactError: it is missing, unreadable or of another version.
+    """
+    path = folder / NUMBERS
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ArtefactError(f"{path} does not exist; run `ldsim report CONFIG` of that run first") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise ArtefactError(f"{path} cannot be read: {error}; run `ldsim report CONFIG` of that run again") from error
+    violations = check_report(content)
+    if violations:
+        more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
+        raise ArtefactError(
+            f"{path} is not what this version of ldsim writes: {violations[0]}{more}; "
+            "run `ldsim report CONFIG` of that run again"
+        )
+    return RunNumbers.model_validate(content)
 
 
 def _row(folder: Path) -> tuple[str, ...]:
@@ -127,7 +161,8 @@ def _row(folder: Path) -> tuple[str, ...]:
     percent = "" if error is None else f"{100 * error:.2g} %"
     step = f"{1000 * run.median_step_ms:.2g} µs" if run and run.median_step_ms is not None else ""
     space = f"{'latent' if numbers.space == 'latent' else 'linear'} {run.dimension}" if run else ""
-    return folder.name, state(folder), str(numbers.mesh.cells), numbers.verdict.word, space, percent, step, changed
+    how_far = "report is outdated" if is_outdated(folder, numbers) else state(folder)
+    return folder.name, how_far, str(numbers.mesh.cells), numbers.verdict.word, space, percent, step, changed
 
 
 def _changed(folder: Path) -> float:

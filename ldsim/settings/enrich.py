@@ -17,6 +17,7 @@ from pathlib import Path
 
 from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.training import remove_checkpoints
+from ldsim.errors import SettingsError
 from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.report.remedies import WIDEST
 from ldsim.run import Run
@@ -119,7 +120,7 @@ class Enriched:
 
 def enrich(
     config: Path, runs: Path, percent: float | None, minutes: float | None, say: Callable[[str], object]
-) -> list[Round]:
+) -> dict[str, str]:
     """Learn until a relative error is held on the validation motions; the rounds lie beside the run for its report.
 
     Where a call before ended above it, this one goes on from there: its rounds and what it relaxed were kept. A round
@@ -130,6 +131,9 @@ def enrich(
         minutes: after which no round begins; None for no limit.
         say: told of each stage that runs, and a line of each round.
 
+    Returns:
+        The stages that ran, with the reason of the last time, as `make`.
+
     Raises:
         StageFailed: a stage before the first round or in it ended with an error, which it has told.
         SettingsError: no motion has the role validation.
@@ -139,16 +143,22 @@ def enrich(
     if not rounds:
         (folder / ROUNDS).unlink(missing_ok=True)
     if percent is None:
-        return []
+        _take_up(config, runs, rounds)
+        return {}
+    _check_judged(load_settings(current(config)))
     begun, asked, seconds = time.monotonic(), percent / 100, math.inf if minutes is None else 60 * minutes
     few, known = MARGIN * asked, None
-    make(current(config), runs, BEFORE, say)  # no round does this again, so what rounds take is without it
+    ran = dict(make(current(config), runs, BEFORE, say))  # no round does this again, so what rounds take is without it
     seconds -= time.monotonic() - begun
     if made:  # the round that was least off, to which a call that ended goes back
         known = min(rounds, key=_error).seconds
-        if _error(rounds[-1]) == min(map(_error, rounds)):
+        if not rounds[-1].changed and _error(rounds[-1]) == min(map(_error, rounds)):
             rounds.pop()
-    surrogate = Enriched(config, runs, asked, lambda file, until: make(file, runs, until, say, KEEP), tuple(rounds))
+
+    def stages(file: Path, until: str) -> None:
+        ran.update(make(file, runs, until, say, KEEP))
+
+    surrogate = Enriched(config, runs, asked, stages, tuple(rounds))
     try:
         for each in improved(surrogate, few, seconds, known=known):
             rounds.append(each)
@@ -162,7 +172,38 @@ def enrich(
         write_rounds(folder, rounds)
     if surrogate.take_best() <= few:
         remove_checkpoints(folder / "model.partial")
-    return rounds
+    return ran
+
+
+def planned(config: Path, runs: Path, percent: float | None, minutes: float | None) -> str:
+    """What `enrich` would do beside the stages that are stale, a line; empty where it would learn nothing more."""
+    if percent is None:
+        return ""
+    _check_judged(load_settings(current(config)))
+    rounds, made = _before(config, runs)
+    few = MARGIN * percent
+    if made and 100 * min(map(_error, rounds)) <= few:
+        return ""
+    limit = "" if minutes is None else f", none that would end after {minutes:g} minutes"
+    return (
+        f"train: {'more ' * bool(rounds)}rounds of learning, until {few:g} % is held on the pulls kept aside{limit}\n"
+    )
+
+
+def _check_judged(settings: Settings) -> None:
+    """Refuse, before anything runs, a configuration that has nothing to judge a round by."""
+    if "validation" not in settings.snapshot.roles:
+        raise SettingsError("no motion has the role validation, which an error that is asked for is judged by; add one")
+
+
+def _take_up(config: Path, runs: Path, rounds: list[Round]) -> None:
+    """Where a call before was interrupted in a round, what it had come to is made, and not the round that was cut."""
+    settings = load_settings(current(config))
+    with Run(runs / settings.experiment, settings.experiment) as run:
+        cut = bool(rounds and rounds[-1].changed) and _kept(run).exists()
+    if cut:
+        Enriched(config, runs, 0.0, lambda *_: None, tuple(rounds)).take_best()
+        write_rounds(run.folder, [*rounds[:-1], rounds[-1].replace(changed="")])
 
 
 def _before(config: Path, runs: Path) -> tuple[list[Round], bool]:
@@ -174,7 +215,7 @@ def _before(config: Path, runs: Path) -> tuple[list[Round], bool]:
         stale = Staleness(run, settings, config.parent).stale("train")
     # one that was interrupted in a round has said what that changes, but not trained it
     interrupted = current(config) != config and set(stale) == {"train"}
-    return (rounds, not stale and not rounds[-1].changed) if not stale or interrupted else ([], False)
+    return (rounds, not stale) if not stale or interrupted else ([], False)
 
 
 def _error(of: Round) -> float:

@@ -46,6 +46,20 @@ class Settings(Options):
                 raise ValueError(f"simulate.motions names {name!r}; the motions of snapshot are {', '.join(known)}")
         return self
 
+    @model_validator(mode="after")
+    def _a_condensed_space_can_be_made(self) -> Settings:
+        """As far as can be seen before hours of full-space runs; the stage train looks at the rest."""
+        train, pca = self.train, self.pca
+        if train.kind != "condensed":
+            return self
+        if self.snapshot.quasistatic:
+            raise ValueError("train.kind is condensed, but snapshot.quasistatic is true; a condensed space is stepped")
+        if pca.inner_product != "mass":
+            raise ValueError(f"train.kind is condensed; it needs pca.inner_product: mass, got {pca.inner_product}")
+        if train.r is not None and pca.k is not None and train.r > pca.k:
+            raise ValueError(f"train.r is {train.r}; allowed are 1 … {pca.k}, the columns of the basis (pca.k)")
+        return self
+
     def section(self, stage: str) -> Options:
         """The options of a stage."""
         section: Options = getattr(self, stage)

@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from types import MappingProxyType
@@ -19,7 +20,7 @@ from ldsim.jit import are_kept
 from ldsim.options import Options
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.pipeline.files import file_sums
-from ldsim.report.schema import check_report
+from ldsim.report.overview import NUMBERS, PAGE, report_of
 from ldsim.run import Run
 from ldsim.settings.experiment import STAGES, Settings, load_settings
 
@@ -39,7 +40,6 @@ MAKES = {
 }
 # Motions of the role test, and who reads them.
 TESTS, JUDGES = "tests", ("simulate", "report")
-REPORT = Path("report") / "report.json"
 # Stages without a reduced step, which is compiled beside them, once on a machine.
 WITHOUT_STEPS = ("mesh", "snapshot")
 AHEAD = "ldsim.dynamics.reduced.ahead"
@@ -123,19 +123,17 @@ class Staleness:
         return {"snapshots": snapshot.learned, TESTS: snapshot.tests}.get(kind) or self._settings.section(stage)
 
     def _of_report(self, stale: Set[str]) -> str | None:
-        try:
-            found = json.loads((self._run.folder / REPORT).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            found = None
-        if check_report(found):
-            return f"{REPORT} is missing, or of an earlier version"
-        made = found["made_from"]
-        if not (self._run.folder / REPORT.with_suffix(".html")).is_file():
-            return f"{REPORT.with_suffix('.html')} is missing"
-        if found["rounds"] != [each.model_dump() for each in read_rounds(self._run.folder)]:
+        folder = self._run.folder
+        found = report_of(folder)
+        if found is None:
+            return f"{NUMBERS} is missing, or of an earlier version"
+        if not (folder / PAGE).is_file():
+            return f"{PAGE} is missing"
+        if [each.model_dump() for each in found.rounds] != [each.model_dump() for each in read_rounds(folder)]:
             return "there were more rounds of learning"
-        same = self._of_settings(made["settings"], self._settings.report)
-        return same or self._of_inputs(STAGES[-1], made["inputs"], stale)
+        made = found.made_from
+        same = self._of_settings(made.settings, self._settings.report)
+        return same or self._of_inputs(STAGES[-1], made.inputs, stale)
 
     def _of_settings(self, before: str, section: Options) -> str | None:
         return None if before == section.dump() else f"{', '.join(changed_settings(before, section))} changed"
@@ -177,7 +175,7 @@ def make(
     """
     settings = load_settings(config)
     ran: dict[str, str] = {}
-    with Run(runs / settings.experiment, settings.experiment) as run, compiled_ahead(say) as ahead:
+    with Run(runs / settings.experiment, settings.experiment) as run, compiled_ahead(say) as ahead, ended_alike():
         known = Staleness(run, settings, config.parent)
         for stage in up_to(until):
             reasons = known.reasons(stage)  # all that comes before it is as it should be by now
@@ -224,6 +222,19 @@ def compiled_ahead(say: Callable[[str], object]) -> Iterator[Callable[[str], Non
             process.wait()
 
 
+@contextlib.contextmanager
+def ended_alike() -> Iterator[None]:
+    """Whoever asks this process to end, as `kill` does, ends the stage that it waits for too."""
+    if threading.current_thread() is not threading.main_thread():  # no other thread can take signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 class StageFailed(Exception):
     """A stage ended with an error that it has told itself, or by a signal, of which `make` tells."""
 
@@ -240,7 +251,7 @@ def up_to(stage: str) -> tuple[str, ...]:
 
 def nothing_to_do(run: Run, until: str) -> str:
     """What is said where no stage ran, for each that does tells what it wrote."""
-    made = run.folder / REPORT.with_suffix(".html") if until == STAGES[-1] else run.path(KINDS_OF[until][0])
+    made = run.folder / PAGE if until == STAGES[-1] else run.path(KINDS_OF[until][0])
     return f"nothing to do, {run.experiment} is up to date: {made.resolve()}\n"
 
 

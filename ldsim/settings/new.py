@@ -109,9 +109,7 @@ class Geometry:
     options: MeshOptions
 
 
-def new(
-    source: Path | None, options: NewOptions, runs: Path = Path("runs"), progress: Progress = SILENT
-) -> tuple[Path, list[str]]:
+def new(source: Path | None, options: NewOptions, runs: Path, progress: Progress = SILENT) -> tuple[Path, list[str]]:
     """Look at a solid and write a configuration for it; its scene is made on the way.
 
     Returns:
@@ -123,6 +121,7 @@ def new(
     """
     if (source is None) == (options.shape is None):
         raise SettingsError("give a surface or mesh file, or --shape NAME, and not both")
+    _refuse_unused(source, options)
     place = options.output or Path(f"{_name(source.stem if source else str(options.shape))}.yaml")
     if place.exists():
         raise SettingsError(f"{place} exists already; run it with `ldsim make {place}`, or give another --output")
@@ -139,6 +138,19 @@ def new(
             temporary.write_text(text, encoding="utf-8")
         mesh(run, settings.mesh, SILENT, place.parent)  # of a surface, the tets that were made are kept
     return place, said
+
+
+def _refuse_unused(source: Path | None, options: NewOptions) -> None:
+    """Refuse what this solid has no use for: it would be left out without a word."""
+    usual, surface = NewOptions.model_fields, source is not None and source.suffix.lower() in SURFACES
+    unused = {
+        "unit": (options.unit is not None and source is None, "a file; a shape is in metres"),
+        "resolution": (options.resolution != usual["resolution"].default and source is not None, "a --shape"),
+        "cells": (options.cells != usual["cells"].default and not surface, "a surface, which is filled with tets"),
+    }
+    for name, (given, what) in unused.items():
+        if given:
+            raise SettingsError(f"--{name} is for {what}")
 
 
 def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:

@@ -63,6 +63,7 @@ def recording_scene(source: Path, options: RecordOptions, progress: Progress = S
         raise SettingsError(f"{source} is a folder; give a mesh, a surface or a configuration")
     described = source.suffix.lower() in CONFIGURATIONS
     _check_config(source, described, options.config)
+    _refuse_unused(source, described, options)
     if options.output is not None and options.output.exists():
         raise SettingsError(f"{options.output} exists already; give another --output")
     if described:
@@ -83,6 +84,16 @@ def _grip(settings: Settings, scene: Scene) -> tuple[float, float]:
     """Stiffness and radius of the configuration's own pulls, so that a hand pulls like what a model learns from."""
     pulls = next((motion.pulls for motion in settings.snapshot.motions if motion.pulls is not None), None)
     return usual_grip(scene) if pulls is None else (pulls.stiffness, pulls.radius)
+
+
+def _refuse_unused(source: Path, described: bool, options: RecordOptions) -> None:
+    """Refuse what would be left out without a word."""
+    said = [name.replace("_", "-") for name, value in options.given().items() if value is not None]
+    if described and said:
+        raise SettingsError(f"--{said[0]} is for a mesh or surface file; {source} says it itself")
+    coarser = [name for name in ("mesh", "resolution", "cells") if getattr(options, name) is not None]
+    if len(coarser) > 1:
+        raise SettingsError(f"give one of --{' and --'.join(coarser)}: each says what is recorded on")
 
 
 def _check_config(source: Path, described: bool, config: Path | None) -> None:

@@ -36,12 +36,21 @@ async def _serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             with contextlib.suppress(NotImplementedError):  # on Windows, where Ctrl+C interrupts the loop itself
                 loop.add_signal_handler(number, server.end)
-    await server.run(lambda url: _announce(url, browser, tell, warn))
+    opening: list[threading.Thread] = []
+
+    def announce(url: str) -> None:
+        tell(f"{url}\npull the solid there; press Ctrl+C here to stop")
+        if browser:  # one that runs in the foreground keeps whoever opens it waiting, and itself waits for the page
+            opening.append(threading.Thread(target=_open, args=(url, warn), daemon=True))
+            opening[0].start()
+
+    await server.run(announce)
+    for thread in opening:
+        thread.join(1.0)
 
 
-def _announce(url: str, browser: bool, tell: Tell, warn: Tell) -> None:
-    tell(f"{url}\npull the solid there; press Ctrl+C here to stop")
-    if browser and not _opened(url):
+def _open(url: str, warn: Tell) -> None:
+    if not _opened(url):
         warn("no browser could be started here; open the address above in one")
 
 

@@ -25,6 +25,16 @@ every_command = pytest.mark.parametrize("command", COMMANDS)
 # The configuration
 
 
+def condensed(section: str, **changes: object) -> Callable[[Experiment], None]:
+    """A configuration of a condensed space, with changes of one section."""
+
+    def configure(experiment: Experiment) -> None:
+        content = TINY | {"train": {"kind": "condensed", "r": 3}}
+        experiment.configure(content | {section: content[section] | changes})
+
+    return configure
+
+
 def write(content: bytes) -> Callable[[Experiment], None]:
     return lambda experiment: experiment.config.write_bytes(content) and None
 
@@ -41,6 +51,9 @@ CONFIGURATIONS: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "out of range": (change("train.learning_rate", 2.0), "train.learning_rate: input should be less than 1, got 2"),
     "a key missing": (change("mesh.material.youngs_modulus", ...), "mesh.material.youngs_modulus is missing"),
     "a motion that is not there": (change("simulate.motions", ["nobody"]), "simulate.motions names 'nobody'"),
+    "condensed, quasi-static": (condensed("snapshot", quasistatic=True), "snapshot.quasistatic is true"),
+    "condensed, no mass": (condensed("pca", inner_product="euclidean"), "it needs pca.inner_product: mass"),
+    "condensed, too many": (condensed("train", r=7), "train.r is 7; allowed are 1 … 6"),
     "no motion": (change("simulate.motions", []), "simulate.motions: give at least 1"),
     "a folder": (lambda experiment: experiment.config.unlink() or experiment.config.mkdir(), "is a folder"),
     "two sources": (change("mesh.file", "x.mesh"), "mesh: give exactly one of file, shape, surface"),

@@ -15,7 +15,7 @@ from ldsim import __version__
 from ldsim.cli.app import COMMANDS as KNOWN
 from ldsim.cli.app import main
 from ldsim.settings import STAGES, load_settings, settings_of
-from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment
+from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment, refused
 
 ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
 
@@ -150,3 +150,10 @@ def test_without_torch_all_but_training_works_as_ever(arguments: list[str], stat
     )
     assert done.returncode == status and said in done.stderr, done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("command", [each for each in KNOWN if each != "list"])
+def test_a_name_that_is_too_long_is_refused(command: str) -> None:
+    given = [f"{'a' * 300}.stl" if command in ("new", "record") else "a" * 300]
+    given += {"compare": given, "export": ["--playground"]}.get(command, [])
+    assert "too long" in refused(CliRunner().invoke(main, [command, *given]))

@@ -305,7 +305,6 @@ def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(
     ("change", "said"),
     [
         ({"train": {"kind": "condensed", "r": 7}}, "train.r is 7; allowed are 1 … 6"),
-        ({"pca": {"k": 6, "inner_product": "euclidean"}}, "needs pca.inner_product: mass"),
         (
             {"pca": {"k": 8}, "train": {"kind": "condensed", "r": 7, "condensed": {"points": 1}}},
             "train.condensed.points is 1; allowed are 2 or more",

@@ -8,7 +8,7 @@ import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import yaml
@@ -100,6 +100,20 @@ def test_a_stage_that_a_signal_ends_is_told(experiment: Experiment, monkeypatch:
     result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
     assert result.exit_code == 1
     assert "train was ended by signal 9, as the system ends what takes too much memory" in result.output
+
+
+def test_who_ends_make_ends_its_stage_too(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`kill` reaches the command alone; subprocess ends its child where waiting for it is left by an exception."""
+
+    def killed(command: list[str], check: bool) -> NoReturn:
+        signal.raise_signal(signal.SIGTERM)
+        pytest.fail("it went on waiting")
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(subprocess, "run", killed)
+    experiment.change("train.learning_rate", 1e-3)
+    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
+    assert result.exit_code == 128 + signal.SIGTERM and signal.getsignal(signal.SIGTERM) is before
 
 
 @pytest.mark.parametrize("stage", WRITES)

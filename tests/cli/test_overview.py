@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from ldsim.cli.app import main
 from ldsim.report.overview import missed
 from tests.cli.experiments import WRITES, Experiment, refused
+from tests.helpers import changed
 
 
 def said(*arguments: str) -> list[str]:
@@ -47,6 +48,15 @@ def test_info_tells_the_verdict_first_the_statement_and_the_warnings(experiment:
     assert sum(f"  {name} (" in line for line in lines for name in "ab") == 2
 
 
+def test_a_report_of_what_has_been_made_anew_since_says_so(experiment: Experiment) -> None:
+    listed, told = ("list", "--runs", str(experiment.folder / "runs")), ("info", str(experiment.run))
+    assert "outdated" not in said(*listed)[1] and not said(*told)[0].startswith("warning")
+    with changed(experiment.run / "model.h5") as file:
+        file.attrs["seconds"] = "1"
+    assert "report is outdated" in said(*listed)[1]
+    assert said(*told)[0].startswith("warning: what the report tells of was made anew since")
+
+
 @pytest.mark.parametrize("missing", [*WRITES.values(), "report"])
 def test_info_of_an_unfinished_run_says_where_it_stands(experiment: Experiment, missing: str) -> None:
     path = experiment.run / missing
@@ -74,12 +84,19 @@ def test_what_is_not_there_is_refused(experiment: Experiment, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("remedies", "turn"), [(["this"], "the report says what to change"), ([], "it goes on learning")]
+    ("remedies", "kind", "turn"),
+    [
+        (["this"], "condensed", "the report says what to change"),
+        ([], "condensed", "it goes on learning"),
+        ([], "autoencoder", "an autoencoder is not extended; train.kind: condensed is"),
+    ],
 )
-def test_who_asked_for_less_is_told_what_helps(experiment: Experiment, remedies: list[str], turn: str) -> None:
+def test_who_asked_for_less_is_told_what_helps(
+    experiment: Experiment, remedies: list[str], kind: str, turn: str
+) -> None:
     """The report names nothing where the error is not bad, only larger than was asked for."""
     path = experiment.run / "report" / "report.json"
-    content = json.loads(path.read_text(encoding="utf-8")) | {"remedies": remedies}
+    content = json.loads(path.read_text(encoding="utf-8")) | {"remedies": remedies, "kind": kind}
     content["statement"]["latent"]["error"] = 0.03
     path.write_text(json.dumps(content), encoding="utf-8")
     (words,) = missed(experiment.run, 1.0)

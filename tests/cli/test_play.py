@@ -134,6 +134,8 @@ def test_record_refuses_what_it_cannot_use(tmp_path: Path) -> None:
         (["record", str(given), "--output", str(tmp_path / "no" / "m.csv")], "cannot be written"),
         (["record", str(given), "--output", str(mine)], f"{mine} exists already; give another --output"),
         (["record", str(given), "--play", str(mine), "--output", str(mine)], f"{mine} exists already"),
+        (["record", str(given), "--pin", "x-min"], f"--pin is for a mesh or surface file; {given} says it itself"),
+        (["record", str(given), "--mesh", "a.mesh", "--resolution", "2"], "give one of --mesh and --resolution"),
     ):
         assert words in refusal(*arguments, "--no-browser")
     assert mine.read_bytes() == before

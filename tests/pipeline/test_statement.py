@@ -143,6 +143,41 @@ def solvers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., li
     return of
 
 
+def test_who_asks_for_more_fresh_motions_waits_for_those_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, ran = made(tmp_path), list[list[str]]()
+
+    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *rest: Any) -> None:
+        ran.append([each.name for each in motions])
+        run_here(scene, folder, motions, solver)
+
+    monkeypatch.setattr(snapshots, "run_motions", run_here)
+    monkeypatch.setattr(statement, "run_motions", noted)
+    snapshot(run, motions(), base=tmp_path)
+    pulls = PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0)
+    for count in (2, 3, 1):
+        statement._run_fresh(run, StatementOptions(motions=count, pulls=pulls), SILENT)
+    assert ran == [["fresh_0", "fresh_1"], ["fresh_2"], []]
+
+
+def test_as_many_fresh_motions_run_side_by_side_as_snapshots_and_by_their_linear_solver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, asked = made(tmp_path), list[tuple[str, int]]()
+    monkeypatch.setattr(snapshots, "run_motions", run_here)
+    snapshot(run, motions(), base=tmp_path)
+
+    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, workers: int, *rest: Any) -> None:
+        asked.append((solver.linear_solver, workers))
+        run_here(scene, folder, motions, solver)
+
+    monkeypatch.setattr(statement, "run_motions", noted)
+    options = StatementOptions(motions=4, pulls=PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0))
+    for how in (motions(workers=1, linear_solver="multigrid"), motions(workers=9), None):
+        run.path("fresh").unlink(missing_ok=True)
+        statement._run_fresh(run, options, SILENT, how)
+    assert asked == [("multigrid", 1), ("direct", 4), ("direct", 2)]
+
+
 def test_fresh_motions_are_solved_as_the_snapshots_are(solvers: Callable[..., list[FullOptions]]) -> None:
     (solver,) = solvers(method="newton", tolerance=1e-4, max_iterations=99)
     assert (solver.method, solver.tolerance, solver.max_iterations) == ("newton", 1e-4, 99)

@@ -197,6 +197,7 @@ def test_bad_runs_are_named_with_what_to_do(tmp_path):
         (write(tmp_path / "cut", '{"experiment": "x"'), "report.json cannot be read"),
         (write(tmp_path / "old", json.dumps(old)), "dims.kp is missing (and 1 more); run `ldsim report CONFIG`"),
         (write(tmp_path / "list", "[]"), "is not what this version of ldsim writes"),
+        (write(tmp_path / "deep", 10**5 * "["), "report.json cannot be read"),
         (tmp_path / "good" / ".." / "good", "is given 2 times; give each run once"),
     ):
         with pytest.raises(ArtefactError) as caught:

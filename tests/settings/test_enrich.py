@@ -11,10 +11,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ldsim.errors import SettingsError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import Settings, load_settings, settings_of
-from ldsim.settings.enrich import MOST, current, enrich, extended, write_enriched
+from ldsim.settings.enrich import MOST, current, enrich, extended, planned, write_enriched
 from ldsim.settings.make import StageFailed
 
 CONTENT = {
@@ -24,7 +25,12 @@ CONTENT = {
         "material": {"youngs_modulus": 1e5},
         "pins": [{"slab": {"axis": "x", "thickness": 0.01}}],
     },
-    "snapshot": {"motions": [{"name": "a", "role": "train", "pulls": {"count": 1, "reach": 0.1}}]},
+    "snapshot": {
+        "motions": [
+            {"name": "a", "role": "train", "pulls": {"count": 1, "reach": 0.1}},
+            {"name": "b", "role": "validation", "pulls": {"count": 1, "reach": 0.1}},
+        ]
+    },
     "train": {"kind": "condensed", "hidden": [32, 100], "condensed": {"rounds": 1, "points": 20, "features": 6}},
 }
 
@@ -258,7 +264,7 @@ def test_rounds_of_another_solid_are_forgotten(tmp_path: Path, monkeypatch: pyte
     another = {"mesh": "part.stl changed", "train": "mesh comes before it"}
     enriched(tmp_path, monkeypatch, [0.2], minutes=0.0, seconds=5.0, stale=another)
     assert [each.error for each in read_rounds(tmp_path / "runs" / "part")] == [0.2]
-    assert enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print) == []
+    assert enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print) == {}
     assert read_rounds(tmp_path / "runs" / "part") == []
 
 
@@ -347,16 +353,17 @@ def enriched(
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
     (run / "model.partial").mkdir(parents=True, exist_ok=True)
 
-    def make(file: Path, runs: Path, until: str, say: object, flags: object = None) -> None:
+    def make(file: Path, runs: Path, until: str, say: object, flags: object = None) -> dict[str, str]:
         if until == "pca":
-            return
+            return {}
         assert until == "train" and flags == {"train": ["--keep"]}
         if not stale_now(load_settings(file)):
-            return
+            return {}
         made.append(file.name)
         if isinstance(left[0], Exception):
             raise left[0]
         (run / "model.h5").write_text(model(load_settings(file)), encoding="utf-8")
+        return {"train": "train.r changed"}
 
     def model(settings: Settings) -> str:
         train = settings.train
@@ -383,3 +390,56 @@ def enriched(
     )
     enrich(config, folder / "runs", 5.0, minutes, told.append)
     return made, told
+
+
+def test_what_rounds_have_made_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [0.02, 0.02, 0.02])
+    call = tmp_path / "part.yaml", tmp_path / "runs", 5.0, None, print
+    assert enrich(*call) == {}  # it is looked at again, and nothing is made
+    (tmp_path / "runs" / "part" / "model.h5").unlink()
+    assert list(enrich(*call)) == ["train"]
+
+
+def test_what_would_be_learned_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    enriched(tmp_path, monkeypatch, [0.3, 0.045], minutes=1.0, seconds=29.0)
+    call = tmp_path / "part.yaml", tmp_path / "runs"
+    assert planned(*call, 5.0, 20.0) == (
+        "train: more rounds of learning, until 4 % is held on the pulls kept aside, "
+        "none that would end after 20 minutes\n"
+    )
+    assert planned(*call, 6.0, 20.0) == planned(*call, None, 20.0) == ""
+
+
+def test_a_call_that_asks_for_no_error_takes_the_best_round_of_an_interrupted_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(Interrupted):
+        enriched(tmp_path, monkeypatch, [0.3, 0.08, 0.2, Interrupted()], seconds=70.0)
+    enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print)
+    run = tmp_path / "runs" / "part"
+    assert (run / "model.h5").read_text("utf-8") == "128 wide, 1 rounds"
+    settings = load_settings(current(tmp_path / "part.yaml"))
+    assert (settings.train.hidden, settings.train.condensed.rounds, settings.train.r) == ((64, 128), 1, None)
+    assert not list(run.glob("model.best.*"))
+    made, _ = enriched(tmp_path, monkeypatch, [0.08, 0.02], minutes=1.0, seconds=70.0)
+    assert not made  # the round that it has took longer than a minute
+
+
+def test_nothing_runs_where_no_motion_judges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = settings_of(CONTENT, "a test")
+    snapshot = content.snapshot.replace(motions=content.snapshot.motions[:1])
+    config = tmp_path / "part.yaml"
+    config.write_text(content.replace(snapshot=snapshot).dump(defaults=False), encoding="utf-8")
+    monkeypatch.setattr("ldsim.settings.enrich.make", lambda *_: pytest.fail("a stage ran"))
+    with pytest.raises(SettingsError, match="role validation"):
+        enrich(config, tmp_path / "runs", 5.0, None, print)
+
+
+def test_a_round_that_was_trained_but_not_judged_still_took_its_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enriched(tmp_path, monkeypatch, [0.3, 0.2], minutes=2.0, seconds=50.0)
+    run = tmp_path / "runs" / "part"
+    write_rounds(run, [read_rounds(run)[0]])  # interrupted while the pulls of the second were run
+    made, told = enriched(tmp_path, monkeypatch, [0.2, 0.03], minutes=0.5, seconds=50.0)
+    assert not made and told[0].startswith("round 2: off by up to 20 %") and "50 s" in told[0]

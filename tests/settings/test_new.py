@@ -206,6 +206,10 @@ def test_a_painted_surface_is_looked_at_as_a_surface(kind: str, tmp_path: Path) 
         (["--shape", "sphere"], "sphere"),
         (["parts/my rod.vtk", "--youngs-modulus", "-1"], "youngs_modulus"),
         (["large.vtk"], r"--unit mm (82"),
+        (["--shape", "beam", "--unit", "mm"], "--unit is for a file; a shape is in metres"),
+        (["--shape", "beam", "--cells", "50"], "--cells is for a surface, which is filled with tets"),
+        (["parts/my rod.vtk", "--cells", "50"], "--cells is for a surface, which is filled with tets"),
+        (["parts/my rod.vtk", "--resolution", "2"], "--resolution is for a --shape"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(rod: Path, arguments: list[str], words: str) -> None:

@@ -9,6 +9,7 @@ import struct
 import time
 import urllib.error
 import urllib.request
+import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from ldsim.viewer.payload import FRAME
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Server, ServerError, hosts_at
+from ldsim.viewer.serving import serve
 from tests.simulator.playable import K, solid
 from tests.viewer.served import joined, origin, served
 
@@ -271,6 +273,21 @@ def test_a_server_until_closed_ends_by_itself(playable: Path) -> None:
         while not server._ended.is_set():
             assert time.monotonic() < end
             time.sleep(0.1)
+
+
+def test_a_browser_in_the_foreground_gets_its_page(playable: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one of a terminal does, it keeps whoever opens it waiting until it ends."""
+    server, answers = play_server(playable, ["latent"], 0, until_closed=False), list[int]()
+
+    def opened(address: str) -> bool:
+        with urllib.request.urlopen(address, timeout=30) as answer:
+            answers.append(answer.status)
+        server.end()
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", opened)
+    serve(server, browser=True, tell=str, warn=str)
+    assert answers == [200]
 
 
 def test_a_space_that_is_named_twice_is_shown_once(playable: Path) -> None:
