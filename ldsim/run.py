@@ -309,8 +309,7 @@ class Run:
         """
         space = self.space(space) if isinstance(space, str) else space
         if space.basis is None:
-            options = FullOptions() if tolerance is None else FullOptions(tolerance=tolerance)
-            return FullStepper(space.scene, options, seconds=seconds)
+            return FullStepper(space.scene, FullOptions(tolerance=tolerance), seconds=seconds)
         return ReducedStepper(space, ReducedOptions(tolerance=tolerance))
 
     def _get(self, kind: str, read: Callable[[Path], tuple[Content, Header]], *inputs: str) -> Content:

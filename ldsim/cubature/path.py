@@ -36,7 +36,8 @@ class VirtualFit:
     @property
     def worse_than_mesh(self) -> bool:
         """Whether the rule on the mesh was judged better by more than a tenth."""
-        return bool(np.nanmin(self.judged[1:, 1], initial=np.inf) > 1.1 * self.judged[0, 1])
+        own = self.judged[1:][self.judged[1:, 0] == self.closure, 1]
+        return bool(np.nanmin(own, initial=np.inf) > 1.1 * self.judged[0, 1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,5 +57,5 @@ class Stepper(Protocol[S]):
         ...
 
     def stiffened(self, scale: float) -> Stepper[S]:
-        """The same steps with the Lamé parameters of the scene times a positive number."""
+        """The same steps with the Lamé parameters that the first stepper was made with times a positive number."""
         ...

@@ -48,7 +48,9 @@ def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, 
         radius, stiffness = (float(np.median([getattr(d, what) for d in drags])) for what in ("radius", "stiffness"))
         known = {"reach": FARTHER * max(reach, radius), "stiffness": stiffness, "radius": radius}
         motion = surface_pulls(name, scene, pulls.model_copy(update=known))
-    directions = spread_directions(count, np.random.default_rng((seed, 1))) * np.linalg.norm(scene.gravity)
+    turned = [float(np.linalg.norm(motion.gravity, axis=1).max()) for motion in like if motion.gravity is not None]
+    strongest = max(float(np.linalg.norm(scene.gravity)), *turned, 0.0)
+    directions = spread_directions(count, np.random.default_rng((seed, 1))) * strongest
     directions[::2] = scene.gravity
     return replace(motion, gravity=np.repeat(directions, 2 * frames, axis=0))
 

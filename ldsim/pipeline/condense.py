@@ -32,6 +32,8 @@ from ldsim.space.relaxation import Relaxation
 from ldsim.space.sketch import sketched_modes
 from ldsim.space.space import Space
 
+# Begins the seeds of own runs.
+OWN = 7
 # Pulls of a round's own runs for each pose that is taken of them: to step a pull costs less than to relax a pose.
 PULLS = 4
 # Before a round the fit has this share of the steps of the last one, and layers at most so wide: where it goes matters,
@@ -56,6 +58,7 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     _refuse(run, 1 if options.r is None else options.r)
     chosen = needed_coordinates(run, options.r, progress)
     r, points = chosen.shape[1], options.condensed.points
+    _refuse(run, r)
     if (least := -(-r // STRAINS)) > points:
         raise SettingsError(
             f"train.condensed.points is {points}; allowed are {least} or more, for {r} coordinates have as many strains"
@@ -126,7 +129,9 @@ class _Work:
     def _own_frames(self, space: Space, number: int) -> Array:
         """Coordinates of the frames of its own runs, (f, r)."""
         run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
-        count, seed = PULLS * self.options.condensed.explored, self.options.seed + 1 + number
+        count = PULLS * self.options.condensed.explored
+        # of its own: with small numbers the pulls would be where those of a configuration's motions are
+        seed = int(np.random.SeedSequence((self.options.seed, OWN, number)).generate_state(1)[0])
         pulls = covering_pulls(f"round {number + 1}", run.scene, motions, count, seed)
         with self.progress.bar(f"train: own pulls {number + 1}", pulls.frames, "frame") as bar:
             q = synthetic_frames(ReducedStepper(space), pulls, bar.update, pulls.frames // count)
@@ -161,8 +166,19 @@ def _refuse(run: Run, r: int) -> None:
         raise SettingsError("train.kind is condensed; it needs pca.inner_product: mass, got euclidean")
     if run.lifting.count:
         raise SettingsError("train.kind is condensed, but pins move; a condensed space needs pins that stand still")
+    if (run.scene.lam < 0).any():
+        raise SettingsError(
+            "train.kind is condensed, but a material has a negative Poisson's ratio, of which V_eff is not fitted; "
+            "give ratios of 0 or more, or use train.kind: autoencoder"
+        )
     if r > run.basis.k:
         raise SettingsError(f"train.r is {r}; allowed are 1 … {run.basis.k}, the columns of the basis (pca.k)")
+    if 2 * r >= 3 * len(run.scene.free):
+        raise SettingsError(
+            f"train.kind is condensed, but the solid has {3 * len(run.scene.free)} unknowns, which leaves nothing "
+            f"beside r = {r} coordinates and what they move at rest; use a smaller train.r, a finer mesh, or "
+            "train.kind: autoencoder"
+        )
 
 
 def _slaved_basis(pieces: list[Piece], relaxation: Relaxation, most: int) -> Basis:

@@ -122,7 +122,10 @@ def pull_errors(run: Run) -> Array:
             assert judged.mean_error is not None and judged.mean_displacement is not None
             distance = np.where(played.reason == Reason.INFINITE_START, np.nan, judged.mean_error)
             errors.append(by_pull(found.motion, distance, judged.mean_displacement))
-    return np.concatenate(errors)
+    every = np.concatenate(errors)
+    if not len(every):
+        raise SettingsError("no pull of the validation motions moves the solid; an error is judged by pulls that do")
+    return every
 
 
 def starts(motion: Motion) -> list[int]:

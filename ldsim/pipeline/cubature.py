@@ -16,6 +16,7 @@ from ldsim.cubature.path import RulePath, Tell, VirtualFit
 from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.samples import PoseSpace
 from ldsim.dynamics.reduced.matrices import reduced_rest_stiffness
+from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.pipeline.comparison import Reference, windowed_error
 from ldsim.pipeline.progress import SILENT, Progress
@@ -43,6 +44,11 @@ def cubature(
         ArtefactError: scene, snapshots, basis or model is missing, or they do not belong together.
         SolverError: there are fewer poses than asked for, or their energy is infinite.
     """
+    with one_thread():  # all products: with more threads they are summed in another order
+        return _cubature(run, options, progress)
+
+
+def _cubature(run: Run, options: CubatureOptions, progress: Progress) -> dict[str, RulePath]:
     stage = run.stage("cubature", options)
     run.require(*INPUTS)
     poses = TrainingPoses(run, options.threads)
@@ -57,7 +63,7 @@ def cubature(
         own = options
         if k is not None:
             own = options.linear(len(found["latent"].best.points) if options.equal_points else None)
-        with one_thread(), progress.bar(f"cubature {name}", None, "rule") as bar:
+        with progress.bar(f"cubature {name}", None, "rule") as bar:
 
             def told(points: int, error: float) -> None:
                 bar.say(f"{points} points, relative error {error:.3f}")
@@ -183,12 +189,17 @@ def _judge(run: Run, space: Space) -> Judge:
     names, options = run.snapshots.with_role("validation") or run.snapshots.with_role("train"), run.reduced_options
 
     def judge(rule: CubatureRule) -> float:
-        errors = []
+        off = moved = 0.0
         for name in names:
             recorded = run.recorded(name)
             reference = Reference(recorded.motion, recorded.held, run.snapshots.reader(name))
-            errors.append(windowed_error(space.with_rule(rule), reference, WINDOW, options))
-        return float(np.average(errors, weights=[run.snapshots.frames(name) for name in names]))
+            own = windowed_error(space.with_rule(rule), reference, WINDOW, options)
+            off, moved = off + own[0], moved + own[1]
+        if not moved:
+            raise SettingsError(
+                f"nothing moves in {', '.join(names)}, by which rules are judged; give a motion that does"
+            )
+        return off / moved
 
     return judge
 

@@ -18,7 +18,7 @@ from ldsim.pipeline.choice_of_space import chosen_space, judging, standings
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion, residuals
 from ldsim.pipeline.options import SimulateOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.pipeline.statement import about, bound, fresh_errors, sentence
+from ldsim.pipeline.statement import BEFORE, about, bound, fresh_errors, judged_before, sentence
 from ldsim.run import AUTO, REDUCED, Run
 from ldsim.space.novelty import Novelty
 from ldsim.space.space import Space
@@ -66,13 +66,15 @@ def simulate(
             for space, trajectory, minimiser in compared:
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
                 notes[f"{space}_minimiser"] = minimiser
+    if fresh:
+        notes[BEFORE] = int(judged_before(run, run.hash("model")))
     notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
     header = stage.header("simulation", read, -1, **notes)
     write_simulation(run.path("simulation"), header, runs, fresh)
     run.written("simulation")
     if options.statement is not None and fresh:
         said = bound(fresh["latent"], options.statement.quantile, options.statement.confidence)
-        progress.tell(sentence(said, about(options.statement)))
+        progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE])))
     for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
         progress.tell(f"warning: {warning}")
     return runs

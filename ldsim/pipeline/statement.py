@@ -34,8 +34,10 @@ from ldsim.run import Run
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
-# A note of the header of fresh.h5.
-SOLVER = "solver"
+# Notes of the header of fresh.h5: how it was solved, and which model was there then.
+SOLVER, FIRST = "solver", "first_model"
+# A note of the header of simulation.h5: whether the fresh motions judged an earlier model too.
+BEFORE = "fresh_before"
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def fresh_errors(
     Args:
         how: how many run side by side, and how their linear systems are solved; as usual where it is left out.
     """
-    _run_fresh(run, options, progress, how)
+    _run_fresh(run, options, progress, how, run.hash("model"))
     errors: dict[str, list[float]] = {space.name: [] for space in spaces}
     with Snapshots(run.path("fresh"), kind="tests") as snapshots:
         with progress.bar("simulate: fresh motions", len(snapshots.names) * len(spaces), "motion") as bar:
@@ -106,15 +108,23 @@ def fresh_errors(
     return {name: np.array(values) for name, values in errors.items()}
 
 
-def _run_fresh(run: Run, options: StatementOptions, progress: Progress, how: SnapshotOptions | None = None) -> None:
-    """The fresh motions in the full space, interrupted and gone on with like any others."""
+def _run_fresh(
+    run: Run, options: StatementOptions, progress: Progress, how: SnapshotOptions | None = None, model: str = ""
+) -> None:
+    """The fresh motions in the full space, interrupted and gone on with like any others.
+
+    Args:
+        model: hash of the one that they are to judge; the first one is noted beside them.
+    """
     stage, path, folder = run.stage("snapshot", options), run.path("fresh"), run.folder / "fresh.partial"
     own = StatementOptions(motions=options.motions, pulls=options.pulls).dump()
     snapshots = SnapshotOptions.of_dump(run.header("snapshots").settings)  # with the usual workers and linear solver
     solver, how = snapshots.solver.replace(linear_solver="auto"), snapshots if how is None else how
+    first = model
     if path.is_file():
         with reading(path, "tests") as file:
             header = read_header(file)
+        first = str(header.notes.get(FIRST, first))
         same = header.settings == own and header.inputs == {"scene": run.hash("scene")}
         # those of earlier versions have the usual solver, and say no more than this
         usual = FullOptions(quasistatic=bool(header.notes.get("quasistatic", 0)))
@@ -143,10 +153,16 @@ def _run_fresh(run: Run, options: StatementOptions, progress: Progress, how: Sna
                 run_motions(run.path("scene"), folder, missing, chosen, workers, show)
             except SolverError as error:
                 raise type(error)(f"simulate.statement, fresh {error}") from error
-        notes = {SOLVER: solver.model_dump_json()}
+        notes = {SOLVER: solver.model_dump_json(), FIRST: first if kept else model}
         header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
         stores = [(kept.get(each.name) or MotionStore(folder, each), each, "test") for each in motions]
         write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
+
+
+def judged_before(run: Run, model: str) -> bool:
+    """Whether the fresh motions of a run have judged an earlier model than that of this hash."""
+    with reading(run.path("fresh"), "tests") as file:
+        return read_header(file).notes.get(FIRST, model) != model
 
 
 def about(options: StatementOptions) -> str:
@@ -159,10 +175,11 @@ def about(options: StatementOptions) -> str:
     )
 
 
-def sentence(found: Bound, what: str) -> str:
-    """The statement in words; `what` the motions are, see `about`."""
+def sentence(found: Bound, what: str, before: bool = False) -> str:
+    """The statement in words; `what` the motions are, see `about`, and whether they judged an earlier model too."""
     share = f"{100 * found.quantile:.3g} % of motions like these"
-    with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones that nothing had seen"
+    seen = "that judged an earlier model too" if before else "that nothing had seen"
+    with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones {seen}"
     if not math.isfinite(found.error):
         return f"Nothing can be said of {share}: too many of {found.motions} fresh ones were lost ({what})."
     return f"{share} stay within {100 * found.error:.3g} % of the full space ({with_}; {what})."

@@ -28,8 +28,8 @@ def load(
         space: "latent", "linear", "linear_20" or "full", which needs only scene.h5; "auto" for the one that simulate
             chose for this solid, latent where it has not run.
         points: use the largest cubature of at most so many points of the mesh instead of the one that was chosen.
-        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; by default 0.3 % of the solid's weight in a
-            reduced space, 10⁻⁶ N in the full one.
+        tolerance: stop at ‖∇E‖ ≤ tolerance · max(‖x‖, 1), N; left out, the usual one of a reduced space
+            (`ReducedOptions`) or the full one (`FullOptions`).
         seconds: after which a step of the full space begins no further iteration, however large its residual is then.
 
     Raises:
@@ -40,6 +40,6 @@ def load(
         return Simulator(found, opened.stepper(found, tolerance, seconds))
 
 
-def full_simulator(scene: Scene, tolerance: float = 1e-6, seconds: float = math.inf) -> Simulator:
+def full_simulator(scene: Scene, tolerance: float | None = None, seconds: float = math.inf) -> Simulator:
     """A simulator of a scene in the full space, every vertex free; see `load`."""
     return Simulator(Space.full(scene), FullStepper(scene, FullOptions(tolerance=tolerance), seconds=seconds))

@@ -267,6 +267,15 @@ def test_of_closures_that_are_nearly_as_good_the_largest_is_taken(space: PoseSpa
     assert virtual(space, path_of(start(space, 3)), options, lambda _: next(errors)).closure == 0.5
 
 
+def test_the_closure_that_was_taken_is_what_is_worse_than_the_mesh(space: PoseSpace) -> None:
+    """Not the best of those that were tried, which is not the one that is stepped."""
+    errors = iter([1.0, 1.09, 0.92])
+    found = virtual(
+        space, path_of(start(space, 3)), but(points=3, steps=10, closures=(0.0, 1.0)), lambda _: next(errors)
+    )
+    assert found.closure == 1.0 and found.worse_than_mesh
+
+
 def test_points_that_are_judged_worse_than_the_mesh_say_so_and_without_a_judge_the_first_closure_is_taken(
     space: PoseSpace,
 ) -> None:

@@ -48,6 +48,12 @@ def test_a_solid_that_nothing_pulls_has_turned_gravity_alone() -> None:
     assert not found.drags and found.gravity is not None and found.frames == len(found.gravity)
 
 
+def test_gravity_is_as_strong_as_it_was_in_the_motions() -> None:
+    sweep = Motion("sweep", 3, gravity=np.array([[0.0, -5.0, 0.0], [0.0, 0.0, 20.0], [1.0, 0.0, 0.0]]))
+    found = covering_pulls("b", replace(SOLID, gravity=np.zeros(3)), [sweep, Motion("still", 5)], 4, seed=1)
+    assert found.gravity is not None and np.linalg.norm(found.gravity, axis=1).max() == pytest.approx(20.0)
+
+
 def test_a_solid_whose_pins_hold_all_of_its_surface_cannot_be_pulled() -> None:
     pinned = np.isin(np.arange(SOLID.mesh.n_vertices), surface_vertices(SOLID.mesh))
     inside = replace(SOLID, pinned=pinned)

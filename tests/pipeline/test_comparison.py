@@ -21,7 +21,7 @@ from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
-from ldsim.pipeline.comparison import Measured, Reference, compare_motion, run_reduced, stretch
+from ldsim.pipeline.comparison import Measured, Reference, compare_motion, run_reduced, stretch, windowed_error
 from ldsim.space.basis import Basis, inner_product
 from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
@@ -74,6 +74,13 @@ def test_a_space_that_holds_every_motion_has_no_error(reference: Reference) -> N
 def test_restarts_from_the_full_space_lower_the_error_of_a_poor_space(reference: Reference) -> None:
     linear = compared(whole(basis(20)), reference)["linear"]
     assert linear.windowed_mean_error.sum() < linear.mean_error.sum()
+
+
+def test_a_windowed_error_is_how_far_off_and_how_far_it_goes(reference: Reference) -> None:
+    space, moved = whole(basis(20)), np.linalg.norm(reference.frames(0, MOTION.frames), axis=2).mean(axis=1).sum()
+    off, goes = windowed_error(space, reference, 0.05, OPTIONS)
+    assert goes == pytest.approx(moved, rel=1e-6)
+    assert off / goes == pytest.approx(compared(space, reference)["linear"].windowed_error, rel=1e-3)
 
 
 def test_the_full_space_is_timed_from_the_first_grab_on(reference: Reference) -> None:

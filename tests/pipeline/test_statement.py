@@ -102,6 +102,22 @@ def test_the_sentence_says_what_holds_of_what_and_how_surely() -> None:
         assert words in said
 
 
+def test_motions_that_judged_an_earlier_model_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who trains until they are content has looked at them."""
+    run = made(tmp_path)
+    monkeypatch.setattr(snapshots, "run_motions", run_here)
+    monkeypatch.setattr(statement, "run_motions", run_here)
+    snapshot(run, motions(), base=tmp_path)
+    pulls = PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0)
+    seen = []
+    for model, count in (("one", 2), ("one", 2), ("two", 2), ("two", 3)):
+        statement._run_fresh(run, StatementOptions(motions=count, pulls=pulls), SILENT, model=model)
+        seen.append(statement.judged_before(run, model))
+    assert seen == [False, False, True, True]
+    before = sentence(Bound(0.95, 0.95, 0.0463, 59), "pulls", before=True)
+    assert "59 fresh ones that judged an earlier model too" in before and "nothing had seen" not in before
+
+
 def test_fresh_motions_are_drawn_alike_and_independently() -> None:
     scene = scene_of(beam(0.3, 0.05, 0.05, 3, cell_type="hex8"))
     options = StatementOptions(motions=400, pulls=PullOptions(count=1, seed=7, reach=0.1, frames=10, rest=0))

@@ -85,9 +85,11 @@ class FullStepper:
         seconds: float = math.inf,
     ) -> None:
         self.scene, self.options, self.seconds = scene, options, seconds
+        self._own_scene = scene
         self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
         self._total_mass = float(scene.mass.sum())
+        self._tolerance = options.stop(scene.vertex_mass)
         self._threads = threading.local()
 
     def rest(self) -> FullState:
@@ -131,7 +133,7 @@ class FullStepper:
             potential.value_gradient,
             x,
             hessian.solve,
-            options.tolerance,
+            self._tolerance,
             pairs=0 if self._newton else WINDOW,
             max_iterations=options.max_iterations,
             refresh=refactorise,
@@ -158,7 +160,9 @@ class FullStepper:
 
     def stiffened(self, scale: float) -> FullStepper:
         """The same steps with the Lamé parameters of the scene times a positive number."""
-        return FullStepper(self.scene.stiffened(scale), self.options, self.choice, self.seconds)
+        other = FullStepper(self._own_scene.stiffened(scale), self.options, self.choice, self.seconds)
+        other._own_scene = self._own_scene
+        return other
 
     @property
     def factorisations(self) -> int:

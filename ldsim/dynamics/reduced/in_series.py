@@ -72,8 +72,7 @@ class InSeries(NamedTuple):
         """Those of a condensed space under some gravity, the scene's where it is left out."""
         compliance = space.compliance
         assert compliance is not None
-        U, rest, held = space.reduced_basis.fields, space.scene.mesh.vertices, [grab.vertices for grab in grabs]
-        sunk = rest + compliance.sag(gravity)
+        U, held = space.reduced_basis.fields, [grab.vertices for grab in grabs]
         arms = [compliance.arms(vertices) for vertices in held]
         near = [np.flatnonzero(each.any(axis=1)) for each in arms]
         gradient = [np.einsum("vik,vj->ijk", U[some], each[some]) for some, each in zip(near, arms, strict=True)]
@@ -81,7 +80,7 @@ class InSeries(NamedTuple):
         coupling, second, root = (np.stack([law[i] for law in laws]) for i in (1, 2, 3))
         return cls(
             np.concatenate([U[vertices].mean(axis=0) for vertices in held]),
-            np.concatenate([sunk[vertices].mean(axis=0) for vertices in held]),
+            centres(space, grabs, gravity),
             compliance.between(held),
             np.repeat([1 / grab.stiffness for grab in grabs], 3),
             np.stack(gradient),
@@ -91,6 +90,13 @@ class InSeries(NamedTuple):
             not (coupling.any() or second.any()),
             *_written(len(held), U.shape[2], len(space.squares)),
         )
+
+
+def centres(space: Space, grabs: Sequence[Grab], gravity: Array | None) -> Array:
+    """Where the centroids of what grabs hold are at q = 0, sunk under some gravity, (3g,) metres."""
+    assert space.compliance is not None
+    sunk = space.scene.mesh.vertices + space.compliance.sag(gravity)
+    return np.concatenate([sunk[grab.vertices].mean(axis=0) for grab in grabs])
 
 
 def _written(count: int, k: int, modes: int) -> list[Array]:

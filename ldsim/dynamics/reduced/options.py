@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
+from ldsim.mechanics.loads import EARTH
 from ldsim.options import Field, Options
 
 # Where a reduced step stops unless told: at a gradient of this share of the solid's weight on earth. It then goes on by
 # a direction more, so a tighter stop takes longer and moves no digit of the online error that one could see.
 SHARE_OF_WEIGHT = 3e-3
-EARTH = 9.8
 
 
 class MinimiserOptions(Options):
@@ -42,11 +43,19 @@ class ReducedOptions(MinimiserOptions):
 
     tolerance: Annotated[
         float | None,
-        Field(gt=0, description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N; left out, 0.3 % of the solid's weight."),
+        Field(
+            gt=0,
+            description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N; left out, 0.3 % of the solid's weight, and of one "
+            "of more than a kilogram less, by the root of its mass.",
+        ),
     ] = None
     max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
     quasistatic: Annotated[bool, Field(description="Leave inertia out: every step leads to an equilibrium.")] = False
 
     def stop(self, mass: float) -> float:
-        """The tolerance, N, for a solid of so many kg."""
-        return SHARE_OF_WEIGHT * EARTH * mass if self.tolerance is None else self.tolerance
+        """The tolerance, N, for a solid of so many kg.
+
+        In coordinates that are orthonormal in the mass a weight is no more than g √mass: of solids of tons 0.3 % of
+        the weight would be more than all that acts on them.
+        """
+        return SHARE_OF_WEIGHT * EARTH * min(mass, math.sqrt(mass)) if self.tolerance is None else self.tolerance

@@ -51,6 +51,7 @@ class ReducedStepper:
         space = space.by_material()
         scene, basis, rule = space.scene, space.reduced_basis, space.rule
         self.space, self.scene, self.options = space, scene, options
+        self._compliance = space.compliance  # of the solid that is not stiffened
         self._elements = elements = rule.elements(scene)
         self.mass = reduced_mass(scene, basis)
         self._rate = (0.0 if options.quasistatic else 1.0) / scene.time_step**2
@@ -128,6 +129,10 @@ class ReducedStepper:
             a = self._pins.lifting.at(pins[0]), self._pins.lifting.at(pins[1])
             frames = [f - self._pins.lifting.field(b) for f, b in zip(frames, a, strict=True) if b is not None]
         z, q = self.space.encode(np.stack(frames))
+        if self.space.is_condensed:
+            # as a run has it: what weight and grabs move beside the coordinates is in the frames, but has no inertia
+            swinging = q.shape[1] - len(self.space.squares)
+            q[:, :swinging] = self.space.decoder(z)[:, :swinging]
         state = ReducedState.moving(z[0], z[1], q[0], q[1])
         state.a, state.a_previous = a
         return state
@@ -232,8 +237,8 @@ class ReducedStepper:
         metric = self._own_metric + (scale - 1) * self._stiffness
         model = self._swinging(scale)
         other._model = model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
-        if self.space.compliance is not None:
-            other.space = replace(self.space, compliance=self.space.compliance.stiffened(scale))
+        if self._compliance is not None:
+            other.space = replace(self.space, compliance=self._compliance.stiffened(scale))
         other._threads = threading.local()
         return other
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.dynamics.reduced.advance import StepReference, step_reference
-from ldsim.dynamics.reduced.in_series import InSeries
+from ldsim.dynamics.reduced.in_series import InSeries, centres
 from ldsim.dynamics.reduced.minimiser import Minimisation
 from ldsim.dynamics.reduced.potential import Reduced, Springs, make_work
 from ldsim.mechanics.grabs import Grab
@@ -59,12 +59,14 @@ class Workspace:
 
     def _grab_in_series(self, grabs: Sequence[Grab], gravity: Array | None) -> None:
         stiffness = [grab.stiffness for grab in grabs]
-        same = _same_gravity(self._made_for[0], gravity) and self._made_for[1] == stiffness
-        if self.series is self._loose or not same:
+        if self.series is self._loose or self._made_for[1] != stiffness:
             self._made_for = gravity, stiffness
             self.series = InSeries.of(self._space, grabs, gravity)
             self.springs.stiffness[:] = 1.0
             self.reference = self._reference()
+        elif not _same_gravity(self._made_for[0], gravity):  # which moves the centres and nothing else
+            self._made_for = gravity, stiffness
+            self.series.centre[:] = centres(self._space, grabs, gravity)
         for i, grab in enumerate(grabs):
             self.series.target[3 * i : 3 * i + 3] = grab.target
 

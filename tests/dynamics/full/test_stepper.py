@@ -202,3 +202,27 @@ def test_a_run_from_an_inverted_state_is_refused_and_names_the_frame() -> None:
         SolverError, match=r"frame 0: the starting point has infinite energy; cell \d+, at rest .* \(det F = -1\)"
     ):
         list(none_lost(stepper, simulate(stepper, motion, state, range(3))))
+
+
+@pytest.mark.parametrize("scale", [1.0, 5e-3])
+def test_similar_solids_move_alike_however_small_they_are(scale: float) -> None:
+    """Lengths and moduli times s, time steps times √s: nothing else changes, but forces are s³ times as large."""
+    body = scene(
+        beam(0.4 * scale, 0.1 * scale, 0.1 * scale), youngs_modulus=3e4 * scale, time_step=0.01 * np.sqrt(scale)
+    )
+
+    def sag(options: FullOptions) -> Array:
+        stepper = FullStepper(body, options)
+        state = stepper.rest()
+        for _ in range(5):
+            state, solution = stepper.step(state, Loads())
+            assert solution.converged
+        return state.u / scale
+
+    exact = sag(FullOptions(tolerance=1e-9 * scale**3))
+    np.testing.assert_allclose(sag(FullOptions()), exact, atol=2e-3 * np.abs(exact).max())
+
+
+def test_what_is_stiffened_twice_is_stiffened_once() -> None:
+    body = scene(beam())
+    np.testing.assert_array_equal(FullStepper(body).stiffened(2.0).stiffened(3.0).scene.mu, 3.0 * body.mu)

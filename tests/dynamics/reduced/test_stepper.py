@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential
@@ -157,3 +158,18 @@ def test_a_stiffened_stepper_is_that_of_a_stiffer_scene() -> None:
     found = run(stepper(TET, U, decoder).stiffened(0.5).stiffened(2.5), pull(TET), 6)
     for a, b in zip(run(stepper(stiffer, U, decoder), pull(TET), 6), found, strict=True):
         np.testing.assert_allclose(b.q, a.q, atol=1e-10)
+
+
+def test_a_solid_of_tons_moves_as_a_light_one() -> None:
+    """Density and modulus times as much change nothing in how it moves, but forces grow as much."""
+
+    def sag(times: float) -> NDArray[np.float64]:
+        body = scene(beam(resolution=1), youngs_modulus=3e4 * times, density=1000 * times)
+        some = stepper(body, some_basis(body, 6), Decoder.identity(6), tolerance=None)
+        state = some.rest()
+        for _ in range(5):
+            state, _ = some.step(state, Loads())
+        return some.displacement(state)
+
+    light = sag(1.0)
+    np.testing.assert_allclose(sag(1e6), light, atol=0.02 * np.abs(light).max())

@@ -9,6 +9,7 @@ import pytest
 
 from ldsim.arrays import Array
 from ldsim.dynamics.reduced.in_series import InSeries
+from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.potential import Springs
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.reduced.warped import warp_springs
@@ -16,6 +17,7 @@ from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.script import rotations
 from ldsim.space.compliance import LEAST_STRETCH, warp
+from ldsim.space.encoder import Encoder
 from ldsim.space.space import Space
 from tests.runtime.problems import condensed, with_linear_dents
 
@@ -128,3 +130,36 @@ def test_how_far_the_solid_is_is_bounded_by_what_costs_less(
     assert stepper._extent(state) <= stepper._bound(state) < 4 * stepper._extent(state)
     state.q[:] = np.nan
     assert not stepper.within(state, np.inf)
+
+
+def test_a_restart_from_an_equilibrium_stays_there(space: Space) -> None:
+    """What its weight moves beside the coordinates is in the frame, but is no velocity of theirs."""
+    first = Encoder((np.eye(space.decoder.k, space.r),), (np.zeros(space.r),))  # z of a pose, as training has it
+    stepper = ReducedStepper(replace(space, encoder=first), ReducedOptions(tolerance=1e-10))
+    state = stepper.rest()
+    for _ in range(400):
+        state, _ = stepper.step(state, Loads())
+        state = state.standing()
+    u = stepper.displacement(state)
+    again, _ = stepper.step(stepper.state(u, u), Loads())
+    np.testing.assert_allclose(stepper.displacement(again), u, atol=1e-6 * np.abs(u).max())
+
+
+def test_what_is_stiffened_twice_is_stiffened_once(space: Space) -> None:
+    loads, stepper = held(space, (0.02, 0.03, -0.01)), ReducedStepper(space)
+    once, twice = stepper.stiffened(3.0), stepper.stiffened(2.0).stiffened(3.0)
+    np.testing.assert_array_equal(*(some.displacement(some.step(some.rest(), loads)[0]) for some in (once, twice)))
+
+
+def test_gravity_that_turns_moves_the_centres_alone(space: Space, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a grab holds is looked up once; the steps are those of a stepper that looks it up each time."""
+    grabs = held(space, (0.02, 0.03, -0.01)).grabs
+    turned = [Loads(grabs, np.array([i, -9.0, 3.0 - i])) for i in range(6)]
+    stepper, made, of = ReducedStepper(space), list[int](), InSeries.of
+    monkeypatch.setattr(InSeries, "of", lambda *given: made.append(1) or of(*given))
+    state = other = stepper.rest()
+    for loads in turned:
+        state, _ = stepper.step(state, loads)
+        other, _ = ReducedStepper(space).step(other, loads)
+        np.testing.assert_array_equal(state.z, other.z)
+    assert len(made) == 1 + len(turned)
