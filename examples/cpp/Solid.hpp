@@ -31,7 +31,16 @@ class Solid {
         solid_.reset(made);
         ldsim_describe(model_.get(), &info_);
         rest_ = ldsim_rest(model_.get());
-        positions_.assign(rest_, rest_ + 3 * info_.vertices);
+        positions_.resize(3 * static_cast<std::size_t>(info_.vertices));
+        place();
+    }
+    Solid(Solid &&) noexcept = default;
+    Solid &operator=(Solid &&other) noexcept
+    {
+        solid_ = std::move(other.solid_); // before its model goes
+        model_ = std::move(other.model_), info_ = other.info_, rest_ = other.rest_;
+        positions_ = std::move(other.positions_);
+        return *this;
     }
     explicit operator bool() const noexcept { return solid_ != nullptr; } // false where memory was short
 
@@ -53,12 +62,17 @@ class Solid {
     ldsim_outcome step() noexcept
     {
         const ldsim_outcome outcome = ldsim_step(solid_.get(), nullptr);
-        ldsim_displacements(solid_.get(), positions_.data());
-        for (std::size_t i = 0; i < positions_.size(); i++) positions_[i] += rest_[i];
+        place();
         return outcome;
     }
 
   private:
+    void place() noexcept
+    {
+        ldsim_displacements(solid_.get(), positions_.data());
+        for (std::size_t i = 0; i < positions_.size(); i++) positions_[i] += rest_[i];
+    }
+
     Model model_; // outlives the solid, for members are destroyed from the last to the first
     std::unique_ptr<ldsim_solid, void (*)(ldsim_solid *)> solid_;
     ldsim_info info_{};

@@ -67,15 +67,21 @@ public sealed class Solid : SafeHandle
         Model = model;
         Model.Check(ldsim_create(model, grabs, out handle));
         model.DangerousAddRef(ref holdsModel); // so that the model is not freed before its solids
-        Positions = (double[])model.Rest.Clone();
+        Positions = new double[model.Rest.Length];
+        Place();
     }
 
     public int Step()
     {
         int outcome = ldsim_step(this, IntPtr.Zero);
+        Place();
+        return outcome;
+    }
+
+    void Place() // a condensed solid sags before its first step
+    {
         ldsim_displacements(this, Positions);
         for (int i = 0; i < Positions.Length; i++) Positions[i] += Model.Rest[i];
-        return outcome;
     }
 
     public uint Grab(double[] point, double[] target)

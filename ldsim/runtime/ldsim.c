@@ -20,6 +20,12 @@
 #endif
 #include <stdlib.h>
 #include <string.h>
+#if defined _WIN32 && !defined LDSIM_NO_FILES
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#undef near
+#undef far
+#endif
 
 #define MAX_LAYERS 8
 #define LANES 4 /* points of a block, which are worked on together */
@@ -926,13 +932,24 @@ int ldsim_load(const void *given, size_t size, ldsim_model **model)
 }
 
 #ifndef LDSIM_NO_FILES
+/* A path in UTF-8, which fopen of Windows does not take; what is no UTF-8 it may know as of its own code page. */
+static FILE *opened(const char *path)
+{
+#ifdef _WIN32
+    wchar_t wide[4096];
+    if (MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, path, -1, wide, 4096)) return _wfopen(wide, L"rb");
+#endif
+    return fopen(path, "rb");
+}
+
 int ldsim_load_file(const char *path, ldsim_model **model)
 {
     if (!path || !model) return LDSIM_BAD_ARGUMENT;
     *model = NULL;
-    FILE *file = fopen(path, "rb");
+    FILE *file = opened(path);
     if (!file) return LDSIM_NO_FILE;
-    long size = fseek(file, 0, SEEK_END) ? -1 : ftell(file);
+    /* a folder opens, but cannot be read */
+    long size = (fgetc(file) == EOF && ferror(file)) || fseek(file, 0, SEEK_END) ? -1 : ftell(file);
     void *bytes = size > 0 && !fseek(file, 0, SEEK_SET) ? malloc((size_t)size) : NULL;
     int code = size < 0 ? LDSIM_NO_FILE : size == 0 ? LDSIM_NOT_A_MODEL : LDSIM_NO_MEMORY;
     if (bytes) code = fread(bytes, 1, (size_t)size, file) == (size_t)size ? LDSIM_OK : LDSIM_NO_FILE;
@@ -1140,7 +1157,8 @@ typedef struct {
 
 typedef struct {
     uint32_t id, count; /* 0: free */
-    double target[3], stiffness;
+    int released;       /* it pulls no more; its dent in a condensed model is there until the next step */
+    double target[3], target_then[3], stiffness; /* then: in the last step */
     double centre[3];    /* centroid of the held vertices at rest */
     double sag[12];      /* and what weight and dead loads move it, of a condensed model */
     uint32_t *vertices;  /* room for all */
@@ -1162,6 +1180,7 @@ struct ldsim_solid {
     grab grabs[LDSIM_MAX_GRABS];
     /* compliance[i][j]: what a unit force on grab j moves the centroid of grab i, (3, 3), of a condensed model */
     double *compliance;
+    int looking_back;    /* whether the springs below are to be those of the last step, as `swap_loads` says */
     int renewed_springs; /* whether the springs below are those of the grabs, and warped as the solid is now */
     /* what a step reads: g springs in the order in which they were taken */
     int g, order[LDSIM_MAX_GRABS];
@@ -1688,7 +1707,7 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
     const ldsim_model *M = S->model;
     grab *g = S->grabs + place;
     const int m = M->m, l = M->moved;
-    g->id = id, g->count = count;
+    g->id = id, g->count = count, g->released = 0;
     memmove(g->vertices, vertices, count * sizeof *vertices);
     zero(g->B, 3 * (size_t)m), zero(g->lifted, 3 * (size_t)l), zero(g->centre, 3), zero(g->sag, 12);
     zero(g->load, M->anchors), zero(S->pulls + 3 * place, 3);
@@ -1710,12 +1729,21 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
     if (M->anchors) find_field(S, place), find_gradient(S, g);
 }
 
-/* The grabs in the order in which they were taken. */
+/* Whether a grab pulled in the last step. */
+static int has_pulled(const ldsim_solid *S, const grab *g)
+{
+    for (int i = 0; i < LDSIM_MAX_GRABS; i++)
+        if (g->id && S->now.held[i] == g->id) return 1;
+    return 0;
+}
+
+/* The grabs that pull in the next step, or in the last one where that is looked back at, as they were taken. */
 static void order_grabs(ldsim_solid *S)
 {
     S->g = 0;
     for (int i = 0; i < S->max_grabs; i++) {
-        if (S->grabs[i].id == 0) continue;
+        const grab *g = S->grabs + i;
+        if (S->looking_back ? !has_pulled(S, g) : !g->id || g->released) continue;
         int at = S->g++;
         for (; at > 0 && S->grabs[S->order[at - 1]].id > S->grabs[i].id; at--) S->order[at] = S->order[at - 1];
         S->order[at] = i;
@@ -1866,9 +1894,10 @@ static void make_springs(ldsim_solid *S, const double *f)
     order_grabs(S);
     const int rows = 3 * S->g;
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
+    for (int i = 0; M->anchors && i < S->max_grabs; i++)
+        if (S->grabs[i].id) warp_grab(S->grabs + i, f, M->m);
     if (M->anchors && S->g) {
         double block[9];
-        for (int i = 0; i < S->g; i++) warp_grab(S->grabs + S->order[i], f, M->m);
         for (int i = 0; i < S->g; i++)
             for (int j = 0; j < S->g; j++) {
                 const double soft = i == j ? 1.0 / S->grabs[S->order[i]].stiffness : 0.0;
@@ -1896,15 +1925,19 @@ static void find_pulls(const ldsim_solid *S, const double *f, double *pulls)
 static grab *find_grab(const ldsim_solid *S, uint32_t id)
 {
     for (int i = 0; id && i < S->max_grabs; i++)
-        if (S->grabs[i].id == id) return (grab *)&S->grabs[i];
+        if (S->grabs[i].id == id && !S->grabs[i].released) return (grab *)&S->grabs[i];
     return NULL;
 }
 
+/* Rather a free place than that of a dent that lasts until the next step. */
 static int free_place(const ldsim_solid *S)
 {
-    for (int i = 0; i < S->max_grabs; i++)
+    int released = -1;
+    for (int i = 0; i < S->max_grabs; i++) {
         if (S->grabs[i].id == 0) return i;
-    return -1;
+        if (S->grabs[i].released) released = i;
+    }
+    return released;
 }
 
 /* A stiffness or a radius of 0 stands for the usual one. */
@@ -1922,10 +1955,10 @@ int ldsim_grab_vertices(ldsim_solid *S, const uint32_t *vertices, uint32_t count
     if (!vertices || !id || !pull_is_possible(target, stiffness)) return LDSIM_BAD_ARGUMENT;
     if (count < 1 || count > M->n.vertices || !all_below(vertices, count, M->n.vertices)) return LDSIM_BAD_ARGUMENT;
     const int place = free_place(S);
-    if (place < 0) return LDSIM_TOO_MANY_GRABS;
+    if (place < 0 || S->next_id == 0) return LDSIM_TOO_MANY_GRABS; /* 0: all numbers are used up */
     hold(S, place, S->next_id++, vertices, count);
     S->grabs[place].stiffness = stiffness > 0.0 ? stiffness : M->given.stiffness;
-    copy(S->grabs[place].target, target, 3);
+    copy(S->grabs[place].target, target, 3), copy(S->grabs[place].target_then, target, 3);
     S->renewed_springs = 0;
     if (M->anchors) { /* the compliance has put out of the caches what a step reads: the next one need not wait for it */
         make_springs(S, S->now.f);
@@ -1980,7 +2013,8 @@ int ldsim_release(ldsim_solid *S, uint32_t id)
 {
     grab *g = find_grab(S, id);
     if (!g) return LDSIM_NO_SUCH_GRAB;
-    g->id = 0;
+    if (S->model->anchors) g->released = 1;
+    else g->id = 0;
     S->renewed_springs = 0;
     return LDSIM_OK;
 }
@@ -2014,7 +2048,11 @@ int ldsim_force(const ldsim_solid *S, uint32_t id, double force[3])
     const int code = ldsim_centroid(S, id, force);
     if (code != LDSIM_OK) return code;
     const grab *g = find_grab(S, id);
-    for (int axis = 0; axis < 3; axis++) force[axis] = g->stiffness * (g->target[axis] - force[axis]);
+    const double *pull = S->pulls + 3 * (g - S->grabs);
+    for (int axis = 0; axis < 3; axis++)
+        if (S->model->anchors && has_pulled(S, g)) /* what is drawn tells no force: dents of several grabs couple */
+            force[axis] = pull[axis] + g->stiffness * (g->target[axis] - g->target_then[axis]);
+        else force[axis] = g->stiffness * (g->target[axis] - force[axis]);
     return LDSIM_OK;
 }
 
@@ -2211,18 +2249,30 @@ static void take(ldsim_solid *S, moment *found)
     S->now = *found, *found = before;
 }
 
+static void swap(double *a, double *b)
+{
+    for (int i = 0; i < 3; i++) {
+        const double kept = a[i];
+        a[i] = b[i], b[i] = kept;
+    }
+}
+
+/* Puts the loads of the last step in the place of those of the next one, or these back: which grabs pull, where to, and
+ * gravity. */
+static void swap_loads(ldsim_solid *S)
+{
+    S->looking_back = !S->looking_back;
+    swap(S->gravity, S->now.gravity);
+    for (int g = 0; g < S->max_grabs; g++) swap(S->grabs[g].target, S->grabs[g].target_then);
+}
+
 /* Softer, a condensed solid gives way at once to what pulled it: where that leads out of bounds, rather to nothing, in its
  * shape or else at rest. Whether one of them is within bounds; it is in S->start then, and what grabs pull in S->tried. */
 static int find_softer(ldsim_solid *S)
 {
     const ldsim_model *M = S->model;
     copy_renewed(S, &S->now, &S->start);
-    make_springs(S, S->now.f), find_pulls(S, S->now.f, S->tried);
-    for (int g = 0; g < S->max_grabs; g++) { /* one that was taken since pulls from the next step on */
-        int pulled = 0;
-        for (int i = 0; i < LDSIM_MAX_GRABS; i++) pulled |= S->grabs[g].id && S->now.held[i] == S->grabs[g].id;
-        if (!pulled) zero(S->tried + 3 * g, 3);
-    }
+    swap_loads(S), make_springs(S, S->now.f), find_pulls(S, S->now.f, S->tried), swap_loads(S);
     if (within(M, whole_norm(S, &S->start, S->tried))) return 1;
     zero(S->tried, 3 * (size_t)S->max_grabs), zero(S->start.gravity, 3);
     memset(S->start.held, 0, sizeof S->start.held), S->start.rows = 0;
@@ -2274,6 +2324,10 @@ ldsim_outcome ldsim_step(ldsim_solid *S, ldsim_record *record)
         if (last.reason == LDSIM_INFINITE_START || out_of_bounds(S, found)) outcome = LDSIM_HELD, found = &S->start;
     }
     take(S, found);
+    for (int g = 0; g < S->max_grabs && outcome != LDSIM_HELD; g++) {
+        copy(S->grabs[g].target_then, S->grabs[g].target, 3);
+        if (S->grabs[g].released) S->grabs[g].id = 0, S->grabs[g].released = 0;
+    }
     if (M->anchors && S->g) make_springs(S, S->now.f);
     if (M->anchors && outcome != LDSIM_HELD) find_pulls(S, S->now.f, S->pulls);
     if (record) {
@@ -2378,7 +2432,7 @@ void ldsim_destroy(ldsim_solid *solid) { free(solid); }
 
 void ldsim_reset(ldsim_solid *S)
 {
-    for (int i = 0; i < S->max_grabs; i++) S->grabs[i].id = 0;
+    for (int i = 0; i < S->max_grabs; i++) S->grabs[i].id = 0, S->grabs[i].released = 0;
     zero(S->now.z, S->moment_size);
     zero(S->pins, S->model->moved);
     identity(S->now.H, S->model->r);
@@ -2428,7 +2482,8 @@ typedef struct {
     uint32_t held[LDSIM_MAX_GRABS];
     struct {
         uint32_t id, count;
-        double target[3], stiffness, pull[3];
+        double target[3], stiffness, pull[3], target_then[3];
+        uint32_t place, released;
     } grabs[LDSIM_MAX_GRABS];
 } saved; /* followed by the numbers of the moment, the pins, and the vertices of each grab */
 
@@ -2470,7 +2525,9 @@ void ldsim_save(const ldsim_solid *S, void *state)
         const grab *g = S->grabs + i;
         if (g->id == 0) continue;
         head.grabs[head.g].id = g->id, head.grabs[head.g].count = g->count;
-        head.grabs[head.g].stiffness = g->stiffness;
+        head.grabs[head.g].stiffness = g->stiffness, head.grabs[head.g].released = g->released != 0;
+        head.grabs[head.g].place = (uint32_t)i;
+        copy(head.grabs[head.g].target_then, g->target_then, 3);
         copy(head.grabs[head.g].target, g->target, 3), copy(head.grabs[head.g++].pull, S->pulls + 3 * i, 3);
         memcpy(at, g->vertices, g->count * sizeof(uint32_t));
         at += g->count * sizeof(uint32_t);
@@ -2496,8 +2553,10 @@ static int check_state(ldsim_solid *S, const saved *head, const unsigned char *s
     for (uint32_t i = 0; fine && i < head->g; i++) {
         fine = head->grabs[i].id && head->grabs[i].id < head->next_id && head->grabs[i].count;
         fine = fine && head->grabs[i].count <= M->n.vertices && head->grabs[i].stiffness > 0.0;
-        fine = fine && all_finite(head->grabs[i].target, 7);
-        for (uint32_t j = 0; j < i; j++) fine = fine && head->grabs[j].id != head->grabs[i].id;
+        fine = fine && all_finite(head->grabs[i].target, 10);
+        fine = fine && head->grabs[i].place < (uint32_t)S->max_grabs;
+        for (uint32_t j = 0; j < i; j++)
+            fine = fine && head->grabs[j].id != head->grabs[i].id && head->grabs[j].place != head->grabs[i].place;
         vertices += head->grabs[i].count;
     }
     if (!fine || size < fixed || size - fixed != (vertices + 1) / 2 * 8) return LDSIM_OTHER_MODEL;
@@ -2532,26 +2591,27 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
     copy(S->gravity, head.gravity, 3);
     scale_by(S, head.scale), S->renewed_springs = 0;
     if (head.next_id > S->next_id) S->next_id = head.next_id;
-    /* A grab that is held already is kept, for its field costs solves. */
-    const unsigned char *lists = (const unsigned char *)state + sizeof head + (S->moment_size + M->moved) * sizeof(double);
+    /* Each has its place again, for sums go by places; one that is held there already is kept, for its field costs solves. */
+    const unsigned char *const lists = (const unsigned char *)state + sizeof head + (S->moment_size + M->moved) * sizeof(double);
     for (int i = 0; i < S->max_grabs; i++) {
         const unsigned char *at = lists;
         int kept = 0;
         for (uint32_t j = 0; j < head.g; at += 4 * (size_t)head.grabs[j++].count)
-            kept |= head.grabs[j].id == S->grabs[i].id && head.grabs[j].count == S->grabs[i].count &&
-                    memcmp(at, S->grabs[i].vertices, 4 * (size_t)S->grabs[i].count) == 0;
+            kept |= head.grabs[j].place == (uint32_t)i && head.grabs[j].id == S->grabs[i].id &&
+                    head.grabs[j].count == S->grabs[i].count && memcmp(at, S->grabs[i].vertices, 4 * (size_t)S->grabs[i].count) == 0;
         if (!kept) S->grabs[i].id = 0;
     }
-    for (uint32_t j = 0; j < head.g; lists += 4 * (size_t)head.grabs[j++].count) {
-        grab *g = find_grab(S, head.grabs[j].id);
-        if (!g) {
-            const int place = free_place(S);
-            g = S->grabs + place;
-            memcpy(g->vertices, lists, 4 * (size_t)head.grabs[j].count);
+    const unsigned char *at = lists;
+    for (uint32_t j = 0; j < head.g; at += 4 * (size_t)head.grabs[j++].count) {
+        const int place = (int)head.grabs[j].place;
+        grab *g = S->grabs + place;
+        if (!g->id) {
+            memcpy(g->vertices, at, 4 * (size_t)head.grabs[j].count);
             hold(S, place, head.grabs[j].id, g->vertices, head.grabs[j].count);
         }
-        copy(g->target, head.grabs[j].target, 3), copy(S->pulls + 3 * (g - S->grabs), head.grabs[j].pull, 3);
-        g->stiffness = head.grabs[j].stiffness;
+        copy(g->target, head.grabs[j].target, 3), copy(g->target_then, head.grabs[j].target_then, 3);
+        copy(S->pulls + 3 * place, head.grabs[j].pull, 3);
+        g->stiffness = head.grabs[j].stiffness, g->released = head.grabs[j].released != 0;
     }
     if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the warps */
     return LDSIM_OK;

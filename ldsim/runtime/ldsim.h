@@ -86,7 +86,8 @@ const char *ldsim_message(int code);
 
 /* The bytes are copied; they need not outlive the call. */
 int ldsim_load(const void *bytes, size_t size, ldsim_model **model);
-int ldsim_load_file(const char *path, ldsim_model **model); /* left out where LDSIM_NO_FILES is defined */
+/* A path is in UTF-8, on Windows too; left out where LDSIM_NO_FILES is defined. */
+int ldsim_load_file(const char *path, ldsim_model **model);
 void ldsim_free(ldsim_model *model); /* after all of its solids are destroyed */
 void ldsim_describe(const ldsim_model *model, ldsim_info *info);
 const double *ldsim_rest(const ldsim_model *model);        /* positions at rest, (vertices, 3) */
@@ -98,7 +99,7 @@ int ldsim_fields(const ldsim_model *model, const uint32_t *vertices, uint32_t co
 /* A solid at rest, with room for so many grabs at once, at most LDSIM_MAX_GRABS. */
 int ldsim_create(const ldsim_model *model, int max_grabs, ldsim_solid **solid);
 void ldsim_destroy(ldsim_solid *solid);
-void ldsim_reset(ldsim_solid *solid); /* back to rest, without grabs; gravity and stiffness stay */
+void ldsim_reset(ldsim_solid *solid); /* back to rest, pins too, without grabs; gravity and stiffness stay */
 
 /* Takes hold of the movable vertices within a radius of the one nearest to a point of the deformed solid and pulls
  * their centroid towards a target; stiffness and radius 0 for the usual ones, where in Python a radius of 0 holds that
@@ -109,6 +110,7 @@ int ldsim_grab(ldsim_solid *solid, const double point[3], const double target[3]
 int ldsim_grab_vertices(ldsim_solid *solid, const uint32_t *vertices, uint32_t count, const double target[3],
                         double stiffness, uint32_t *grab);
 int ldsim_move(ldsim_solid *solid, uint32_t grab, const double target[3]);
+/* The dent of a condensed model stays until the next step, or until another grab needs its place. */
 int ldsim_release(ldsim_solid *solid, uint32_t grab);
 int ldsim_centroid(const ldsim_solid *solid, uint32_t grab, double centroid[3]);
 int ldsim_force(const ldsim_solid *solid, uint32_t grab, double force[3]); /* N, on the solid */
@@ -129,13 +131,14 @@ ldsim_outcome ldsim_step_many(ldsim_solid *const *solids, uint32_t count, uint32
 /* Displacements of all vertices, (vertices, 3), or of some. */
 void ldsim_displacements(const ldsim_solid *solid, double *u);
 int ldsim_displacement(const ldsim_solid *solid, const uint32_t *vertices, uint32_t count, double *u);
-const double *ldsim_coordinates(const ldsim_solid *solid); /* z, (r,); where it lies changes with every step */
-const double *ldsim_features(const ldsim_solid *solid);    /* (features,); likewise */
+/* z, (r,), and the features; where they lie changes with every step, restored state and stiffness. */
+const double *ldsim_coordinates(const ldsim_solid *solid);
+const double *ldsim_features(const ldsim_solid *solid); /* (features,) */
 /* How far the shape is from the training data: from 1 on, beware. NaN where the model does not tell. */
 double ldsim_novelty(const ldsim_solid *solid);
 
 /* All that the next step depends on, to come back to or to continue in another solid of the same model that was created
- * for as many grabs. */
+ * for as many grabs. Its size grows with how many vertices are held: ask for it before each save. */
 size_t ldsim_state_size(const ldsim_solid *solid);
 void ldsim_save(const ldsim_solid *solid, void *state);
 int ldsim_restore(ldsim_solid *solid, const void *state, size_t size);

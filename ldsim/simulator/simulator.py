@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ldsim.arrays import Array, Indices
+from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.grabs import Grab, held_vertices, usual_grip
@@ -68,8 +69,7 @@ class Handle:
     @property
     def force(self) -> Array:
         """What it pulls with now, (3,) float64, N."""
-        grab = self.grab
-        return grab.stiffness * (grab.target - self.centroid)
+        return self._simulator.force(self.grab)
 
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
@@ -362,6 +362,15 @@ class Simulator:
         else:
             u = self.space.fields[vertices].mean(axis=0) @ self._stepper.coordinates(self._state)
         return rest + u
+
+    def force(self, grab: Grab) -> Array:
+        """What one of the grabs pulls with now, (3,) float64, N."""
+        if isinstance(self._stepper, ReducedStepper) and self.space.is_condensed:
+            # what is drawn tells no force: dents of several grabs couple
+            for then, pull in zip(self._state.loads.grabs, self._stepper.pulls(self._state), strict=True):
+                if then.vertices is grab.vertices:
+                    return np.asarray(pull + grab.stiffness * (grab.target - then.target))
+        return grab.stiffness * (grab.target - self.centroid(grab.vertices))
 
     def save(self) -> SavedState:
         """The present state, with grabs, gravity and material, to come back to; one can be restored many times."""

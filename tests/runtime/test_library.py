@@ -75,6 +75,52 @@ def test_a_solid_is_grabbed_moved_stiffened_and_let_go_as_in_the_simulator(libra
     compare()
 
 
+@pytest.mark.parametrize("name", ["latent neo_hookean", "condensed neo_hookean", "condensed, modes that swing"])
+@pytest.mark.parametrize("seed", range(3))
+def test_in_whatever_order_it_is_told_what_a_solid_is_that_of_the_simulator(
+    library: Library, name: str, seed: int
+) -> None:
+    """After every call: what acted in the last step is seen until the next one, a grab that was let go too."""
+    space, rng = SPACES[name](), np.random.default_rng(seed)
+    simulator, solid = pair(library, space, ReducedOptions(tolerance=1e-9))
+    other = pair(library, space, ReducedOptions(tolerance=1e-9))[1]
+    size, X = space.scene.mesh.diagonal, space.scene.mesh.vertices
+    held, saved = list[tuple[Any, int]](), list[tuple[Any, bytes, list[tuple[Any, int]]]]()
+    for _ in range(60):
+        call = rng.integers(8)
+        if call == 0 and len(held) < 4:
+            vertex = rng.choice(space.scene.free)
+            point = X[vertex] + simulator.displacement([vertex])[0]
+            target, stiffness = point + 0.1 * size * rng.normal(size=3), 10 ** rng.uniform(0, 2)
+            held.append((simulator.grab(point, target, stiffness), solid.grab(point, target, stiffness)))
+        elif call == 1 and held:
+            handle, grab = held.pop(rng.integers(len(held)))
+            handle.release(), solid.release(grab)
+        elif call == 2 and held:
+            handle, grab = held[rng.integers(len(held))]
+            target = X[rng.choice(space.scene.free)] + 0.1 * size * rng.normal(size=3)
+            handle.move(target), solid.move(grab, target)
+        elif call == 3:
+            simulator.gravity = gravity = 8 * rng.normal(size=3)
+            solid.set_gravity(gravity)
+        elif call == 4:
+            simulator.material_scale = scale = 10 ** rng.uniform(-0.3, 1)
+            solid.set_stiffness(scale)
+        elif call == 5:
+            saved.append((simulator.save(), solid.save(), list(held)))
+        elif call == 6 and saved:
+            before, state, held = saved[rng.integers(len(saved))]
+            held = list(held)
+            simulator.restore(before), solid.restore(state), other.restore(state)
+            np.testing.assert_array_equal(other.displacements(), solid.displacements())
+        else:
+            simulator.step(), solid.step()
+        np.testing.assert_allclose(solid.displacements(), simulator.displacement(), atol=1e-7 * size)
+        for handle, grab in held:
+            force = handle.force
+            np.testing.assert_allclose(solid.force(grab), force, atol=1e-5 * (1.0 + np.linalg.norm(force)))
+
+
 def test_a_model_without_landmarks_tells_no_novelty(library: Library) -> None:
     assert np.isnan(pair(library, linear())[1].novelty)
 

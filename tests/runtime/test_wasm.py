@@ -197,3 +197,30 @@ def test_the_exported_example_runs_in_node(tmp_path: Path) -> None:
         [re.findall(r"-?\d+\.\d+", line)[1] for line in each.stdout.splitlines()] for each in (done, moved)
     )
     np.testing.assert_allclose(np.array(second, float), np.array(first, float) + 9.0, atol=2e-4)
+
+
+@needs_node
+def test_what_is_destroyed_gives_its_memory_back_and_throws() -> None:
+    """Address 0 is memory like any other in WebAssembly: a call on a solid that is gone would write there."""
+    program = """
+    const bytes = () => runtime.library.memory.buffer.byteLength;
+    const once = () => {
+      const model = unpacked(given), solid = new Solid(model);
+      solid.step();
+      return [model, solid];
+    };
+    const [model, solid] = once();
+    const many = () => {
+      for (let i = 0; i < 200; i++) for (const each of once().reverse()) each.destroy();
+      return bytes();
+    };
+    const before = many(), after = many();
+    solid.destroy(), solid.destroy(), model.destroy(), model.destroy();
+    let thrown = 0;
+    for (const call of [() => solid.step(), () => solid.reset(), () => solid.setGravity([0, 0, 0])])
+      try { call(); } catch { thrown++; }
+    result = [before, after, thrown];
+    """
+    model = base64.b64encode(model_bytes(latent())).decode()
+    before, after, thrown = run_javascript(program, model)
+    assert before == after and thrown == 3

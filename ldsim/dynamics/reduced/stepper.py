@@ -189,6 +189,13 @@ class ReducedStepper:
             u += compliance.fields(grab.vertices) @ amounts @ A.T
         return u
 
+    def pulls(self, state: ReducedState) -> Array:
+        """What the grabs of the step that led to a state of a condensed space pull with there, (g, 3) N."""
+        if not state.loads.grabs:
+            return np.zeros((0, 3))
+        self._pulling(state.q, state.loads)
+        return self._workspace().series.forces.reshape(-1, 3).copy()
+
     def _pulling(self, q: Array, loads: Loads) -> list[tuple[Array, Array]]:
         """Of each grab of a condensed space `Dent.amounts`, and its warp A, (3, 3)."""
         workspace = self._workspace()

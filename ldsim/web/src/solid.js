@@ -12,7 +12,7 @@ export class Runtime {
   }
 
   /** Numbers of the library's memory; the view is of no use after the next allocation. */
-  view = (Type, at, count) => new Type(this.library.memory.buffer, at, count);
+  view = (Type, at, count) => new Type(this.library.memory.buffer, at >>> 0, count); // beyond 2 GiB numbers are negative
 
   /** Hands numbers over; who asks for it frees it. */
   put(values) {
@@ -25,10 +25,12 @@ export class Runtime {
   /** The `count` numbers that a function of the library leaves where it is told. */
   filled(Type, count, call) {
     const at = this.put(new Type(count));
-    call(at);
-    const found = this.view(Type, at, count).slice();
-    this.library.free(at);
-    return found;
+    try {
+      call(at);
+      return this.view(Type, at, count).slice();
+    } finally {
+      this.library.free(at);
+    }
   }
 
   check(code) {
@@ -58,11 +60,19 @@ export class Model {
   /** What each feature moves some vertices, (v, 3, features). */
   fields(vertices) {
     const { runtime, pointer } = this, at = runtime.put(Uint32Array.from(vertices)), count = 3 * vertices.length;
-    const found = runtime.filled(Float32Array, count * this.features, (out) =>
-      runtime.check(runtime.library.ldsim_fields(pointer, at, vertices.length, out)),
-    );
-    runtime.library.free(at);
-    return found;
+    try {
+      return runtime.filled(Float32Array, count * this.features, (out) =>
+        runtime.check(runtime.library.ldsim_fields(pointer, at, vertices.length, out)),
+      );
+    } finally {
+      runtime.library.free(at);
+    }
+  }
+
+  /** Gives its memory back, after all of its solids are destroyed; then it is of no use. A second time does nothing. */
+  destroy() {
+    if (this.pointer) this.runtime.library.ldsim_free(this.pointer);
+    this.pointer = this.runtime = null;
   }
 
   /** The movable vertices within `radius` of the one nearest to a point at rest: `held_vertices` in Python. */
@@ -80,8 +90,17 @@ export class Solid {
   constructor(model, grabs = 16) {
     const { library } = (this.runtime = model.runtime);
     Object.assign(this, { model, library, scratch: this.runtime.put(new Uint8Array(SCRATCH)) });
-    this.runtime.check(library.ldsim_create(model.pointer, grabs, this.scratch));
+    const code = library.ldsim_create(model.pointer, grabs, this.scratch);
+    if (code) library.free(this.scratch);
+    this.runtime.check(code);
     [this.pointer] = this.runtime.view(Uint32Array, this.scratch, 1);
+  }
+
+  /** Gives its memory back; then it is of no use: whatever is called throws. A second time does nothing. */
+  destroy() {
+    this.library?.ldsim_destroy(this.pointer);
+    this.library?.free(this.scratch);
+    this.library = this.runtime = null; // address 0 is memory like any other: without this, calls would write there
   }
 
   vector(values) {

@@ -163,3 +163,23 @@ def test_gravity_that_turns_moves_the_centres_alone(space: Space, monkeypatch: p
         other, _ = ReducedStepper(space).step(other, loads)
         np.testing.assert_array_equal(state.z, other.z)
     assert len(made) == 1 + len(turned)
+
+
+def test_two_grabs_pull_with_what_both_dents_leave(space: Space) -> None:
+    """A spring is as long as what is left between its target and where the dents of both have brought the solid."""
+    x, loads = space.scene.mesh.vertices, held(space, (0.02, 0.03, -0.01))
+    second = np.argsort(np.abs(x[:, 0] - x[:, 0].mean()))[:4]
+    both = Loads((*loads.grabs, Grab(second, x[second].mean(axis=0) + (0.0, -0.02, 0.02), 40.0)))
+    stepper = ReducedStepper(with_linear_dents(), ReducedOptions(tolerance=1e-10))
+    state = stepper.rest()
+    for _ in range(20):
+        state, _ = stepper.step(state, both)
+    pulls = stepper.pulls(state)
+    series = stepper._workspace().series
+    C, A = series.compliance, series.warps
+    targets = np.concatenate([grab.target for grab in both.grabs])
+    p = (targets - series.centre - series.B @ state.q).reshape(2, 3)
+    for i, grab in enumerate(both.grabs):
+        dents = sum(A[i] @ C[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] @ A[j].T @ pulls[j] for j in range(2))
+        np.testing.assert_allclose(pulls[i], grab.stiffness * (p[i] - dents), rtol=0.02, atol=0.01)
+    assert stepper.pulls(stepper.rest()).shape == (0, 3)
