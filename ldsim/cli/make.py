@@ -12,8 +12,8 @@ from ldsim.cli.parameters import asked_options, on_configuration
 from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
-from ldsim.settings.enrich import BEFORE, current, enrich, planned
-from ldsim.settings.make import MISSED, StageFailed, Staleness, make, nothing_to_do, up_to
+from ldsim.settings.enrich import BEFORE, current, learn, planned
+from ldsim.settings.make import MISSED, StageFailed, Staleness, nothing_to_do, up_to
 
 
 @on_configuration("make", "Run what is missing or stale of a configuration, from the mesh to the report.")
@@ -29,7 +29,7 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
         click.echo(Staleness(run, settings, config.parent).told(until) + planned(*learning), nl=False)
         return
     try:
-        ran = enrich(*learning, click.echo) | make(current(config), runs, until, click.echo)
+        ran = learn(*learning, until, click.echo)
     except StageFailed as failed:
         raise SystemExit(failed.status) from None
     click.echo("" if ran else nothing_to_do(run, until), nl=False)

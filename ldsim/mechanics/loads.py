@@ -12,9 +12,6 @@ from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 
-# What a kilogram weighs where a tolerance is a share of a weight, N.
-EARTH = 9.8
-
 
 class Loads(NamedTuple):
     """What acts in one frame.

@@ -10,6 +10,8 @@ from ldsim.mechanics.regions import Region
 from ldsim.options import Field, Options, Positive, Seed, Vector, exactly_one, field_validator, model_validator
 
 PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
+# What a kilogram weighs where a tolerance is a share of a weight, N.
+EARTH = 9.8
 
 
 class MaterialOptions(Options):

@@ -19,9 +19,10 @@ from ldsim.artefacts.atomic import replacing
 from ldsim.artefacts.training import remove_checkpoints
 from ldsim.errors import SettingsError
 from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
+from ldsim.report.overview import report_of
 from ldsim.report.remedies import WIDEST
 from ldsim.run import Run
-from ldsim.settings.experiment import Settings, load_settings
+from ldsim.settings.experiment import STAGES, Settings, load_settings
 from ldsim.settings.make import StageFailed, Staleness, make
 
 # Where V_eff misses poses kept back from its fit by this share of the error that is asked for, it gets more points too.
@@ -118,6 +119,57 @@ class Enriched:
         return Run(self._runs / settings.experiment, settings.experiment)
 
 
+def learn(
+    config: Path, runs: Path, percent: float | None, minutes: float | None, until: str, say: Callable[[str], object]
+) -> dict[str, str]:
+    """Learn (`enrich`), make what follows, and where fresh motions say more than was asked for, learn on for less.
+
+    A model that learned on is judged by fresh motions of its own, for those before it have been looked at.
+
+    Args:
+        percent, minutes, say: as for `enrich`.
+        until: the last stage.
+
+    Returns:
+        The stages that ran, with the reason of the last time.
+
+    Raises:
+        StageFailed, SettingsError: see `enrich` and `make`.
+    """
+    begun, aim, ran, before = time.monotonic(), percent, dict[str, str](), ""
+    while True:
+        left = None if minutes is None else minutes - (time.monotonic() - begun) / 60
+        ran |= enrich(config, runs, aim, left, say)
+        in_vain = bool(before) and before == _model_of(config, runs)
+        if before and not in_vain:
+            _redraw(config)
+        ran |= make(current(config), runs, until, say)  # of rounds in vain the report tells too
+        if percent is None or aim is None or until != STAGES[-1] or in_vain:
+            return ran
+        folder = runs / load_settings(current(config)).experiment
+        found, rounds = report_of(folder), read_rounds(folder)
+        if found is None or not rounds:
+            return ran
+        best, statement = min(rounds, key=_error), found.statement if found.kind == "condensed" else None
+        stated = None if statement is None else statement.latent.error
+        if (_error(best) <= MARGIN * percent / 100) if statement is None else _within(stated, percent):
+            remove_checkpoints(folder / "model.partial")
+            return ran
+        spent = time.monotonic() - begun
+        if statement is None or best.error is None or (minutes is not None and spent + best.seconds > 60 * minutes):
+            return ran
+        # the few pulls have to hold as much less as the many missed, and less than they do
+        share = HELPED if stated is None else percent / (100 * stated)
+        aim = float(f"{min(aim * share, HELPED * 100 * best.error / MARGIN):.2g}")
+        before = _model_of(config, runs)
+        reached = "fresh motions were lost" if stated is None else f"{100 * stated:.3g} % are stated"
+        say(f"{reached}, {percent:g} % were asked: it goes on, for {MARGIN * aim:.2g} % on the pulls kept aside")
+
+
+def _within(error: float | None, percent: float) -> bool:
+    return error is not None and 100 * error <= percent
+
+
 def enrich(
     config: Path, runs: Path, percent: float | None, minutes: float | None, say: Callable[[str], object]
 ) -> dict[str, str]:
@@ -170,8 +222,7 @@ def enrich(
         rounds.append(Round(error=None, pulls=rounds[-1].pulls, seconds=0.0, changed=""))
         say(f"round {len(rounds)}: {failed}; the best round before it is taken")
         write_rounds(folder, rounds)
-    if surrogate.take_best() <= few:
-        remove_checkpoints(folder / "model.partial")
+    surrogate.take_best()
     return ran
 
 
@@ -253,6 +304,21 @@ def extended(settings: Settings, r: int, columns: int, poor_fit: bool, last: str
         if what == COORDINATES and (more := min(r + FURTHER, MOST, columns)) > r:
             return settings.replace(train=train.replace(r=more)), f"{what} {more}"
     return settings, ""
+
+
+def _model_of(config: Path, runs: Path) -> str:
+    """The hash of the model that there is."""
+    with Run(runs / (experiment := load_settings(current(config)).experiment), experiment) as run:
+        return run.hash("model")
+
+
+def _redraw(config: Path) -> None:
+    """Have other fresh motions."""
+    settings = load_settings(current(config))
+    if (statement := settings.simulate.statement) is not None:
+        pulls = statement.pulls.replace(seed=statement.pulls.seed + 1)
+        simulate = settings.simulate.replace(statement=statement.replace(pulls=pulls))
+        write_enriched(config, settings.replace(simulate=simulate))
 
 
 def current(config: Path) -> Path:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ldsim.arrays import Array
-from ldsim.mechanics.loads import EARTH
+from ldsim.mechanics.options import EARTH
 from ldsim.options import Field, Options
 
 # Where no tolerance is given: N, and the largest share of the norm of the weights of all vertices.

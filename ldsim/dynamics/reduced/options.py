@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from ldsim.mechanics.loads import EARTH
+from ldsim.mechanics.options import EARTH
 from ldsim.options import Field, Options
 
 # Where a reduced step stops unless told: at a gradient of this share of the solid's weight on earth. It then goes on by
