@@ -48,7 +48,7 @@ SHOWS = [*PLAYGROUND, "ldsim/cli/new.py", "ldsim/cli/make.py"]
 PAGE, FILM = (960, 600), (720, 450)
 ROWS, COLUMNS = 27, 104
 FRAMES, PULLED = 24, 20  # of the browser; in so many of them the pointer holds the solid
-FRAME_S, SCREENS, SCREEN_S, HOLD_S = 0.1, 12, 0.3, 0.9  # every screen of the terminal stays long enough to be read
+FRAME_S, SCREENS, SCREEN_S, HOLD_S = 0.1, 10, 0.35, 0.9  # every screen of the terminal stays long enough to be read
 GROUND, INK, FAINT = "#20262d", "#dde3e9", "#8a949e"
 
 
