@@ -180,7 +180,8 @@ def test_a_grab_pulls_with_the_force_that_its_handle_tells(condensed: Experiment
     for _ in range(1000):
         sim.step()
     assert handle.force[0] > 0
-    np.testing.assert_allclose(handle.force, 50.0 * (target - handle.centroid))
+    # the dent is solved for by three Newton steps, and what they leave is in the centroid
+    np.testing.assert_allclose(handle.force, 50.0 * (target - handle.centroid), rtol=1e-6)
     # at rest, the force of the grab and gravity balance the elastic force: their work in every coordinate is nothing
     still = sim.displacement()
     sim.step()

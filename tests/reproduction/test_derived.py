@@ -20,7 +20,7 @@ def test_scene_and_motions_are_those_by_hand_and_all_else_is_what_new_writes(
 ) -> None:
     monkeypatch.setenv("LDSIM_DATA", str(tmp_path))
     new = load_settings(by_hand("x")).replace(experiment="x_new")
-    new = new.replace(train=new.train.replace(hidden=(16,)), pca=new.pca.replace(k=7, synthetic=None))
+    new = new.replace(train=new.train.replace(hidden=(16,)), pca=new.pca.replace(k=17, synthetic=None))
     asked = list[str]()
 
     def call(folder: Path, *arguments: str) -> int:
