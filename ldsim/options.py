@@ -44,6 +44,17 @@ class Options(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_words_for_numbers(cls, given: Any) -> Any:
+        """YAML's yes, no, on and off are true and false, which would pass as 1 and 0."""
+        for name, field in cls.model_fields.items() if isinstance(given, dict) else ():
+            value = given.get(name)
+            values = value if isinstance(value, list | tuple) else (value,)
+            if any(isinstance(each, bool) for each in values) and "bool" not in str(field.annotation):
+                raise ValueError(f"{name} is {value}; expected numbers or words, and yes, no, on and off are neither")
+        return given
+
     @model_validator(mode="after")
     def _of_this_world(self) -> Self:
         for name, value in self:

@@ -143,10 +143,11 @@ class Run:
         return self._hashes[kind]
 
     def written(self, kind: str) -> None:
-        """Forget what was read of an artefact, and what was made of it, because a stage has written it anew."""
+        """Forget what was read of an artefact, and of those made of it, because a stage has written it anew."""
         if kind in ("snapshots", "tests"):
             self.close()
-        self._read.pop(kind, None)
+        for name in [name for name, (_, header) in self._read.items() if name == kind or kind in header.inputs]:
+            del self._read[name]
         self._hashes.pop(kind, None)
         for made in ("lifting", "every_lifting", "motions", "played"):
             self.__dict__.pop(made, None)

@@ -139,7 +139,7 @@ def test_a_fault_is_named_with_its_path_and_what_is_allowed(
 
 def test_two_motions_of_one_name_are_refused(tmp_path: Path) -> None:
     twice = changed("snapshot.motions", SMALLEST["snapshot"]["motions"] * 2)
-    with pytest.raises(SettingsError, match="different names, got a, a"):
+    with pytest.raises(SettingsError, match="different names, and not by case alone; got a, a"):
         load_settings(written(tmp_path, twice))
 
 

@@ -15,7 +15,7 @@ from ldsim.export.drawn import Drawn
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.skin import Skin
-from ldsim.pipeline.simulate import residual
+from ldsim.pipeline.simulate import residual, simulated_scene
 from ldsim.run import AUTO, SPACES, Run
 from ldsim.space.lifting import Lifting
 
@@ -84,11 +84,13 @@ class Playback:
                 f"{format} plays the columns of a basis and the full space has none; "
                 "use --space linear or latent, or the format ply or vtk"
             )
+        used = self.U.any(axis=0)  # of a condensed space some columns are features of V_eff, which move nothing
+        U, coordinates = self.U[:, used], self.coordinates[:, used]
         if self.beside is None:
-            return self.U, self.coordinates
+            return U, coordinates
         rows = np.stack([self.beside(frame).ravel() for frame in range(self.frames)])
         shares = np.linalg.eigh(rows @ rows.T)[1][:, -BESIDE:]
-        return np.hstack([self.U, rows.T @ shares]), np.hstack([self.coordinates, shares])
+        return np.hstack([U, rows.T @ shares]), np.hstack([coordinates, shares])
 
     def time(self, frame: int) -> float:
         """When a frame is, s."""
@@ -144,8 +146,9 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
         u: Array = (U @ q[frame]).reshape(-1, 3)
         return u if beside is None else u + beside(frame)
 
-    h, lost, pulls = run.scene.time_step, len(finite) - frames, _pulls(run.recorded(name))
-    return Playback(name, space, run.scene, h, frames, displacement, beside, U, q, lost, pulls)
+    scene = simulated_scene(run)
+    h, lost, pulls = scene.time_step, len(finite) - frames, _pulls(run.recorded(name))
+    return Playback(name, space, scene, h, frames, displacement, beside, U, q, lost, pulls)
 
 
 def _full(run: Run, motion: str) -> Playback:

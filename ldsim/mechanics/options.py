@@ -9,6 +9,9 @@ from ldsim.mechanics.materials import MaterialName
 from ldsim.mechanics.regions import Region
 from ldsim.options import Field, Options, Positive, Seed, Vector, exactly_one, field_validator, model_validator
 
+# Of one motion.
+MOST_FRAMES = 1_000_000
+
 PoissonRatio = Annotated[float, Field(gt=-1, lt=0.5)]
 # What a kilogram weighs where a tolerance is a share of a weight, N.
 EARTH = 9.8
@@ -68,6 +71,13 @@ class PullOptions(Options):
     radius: Annotated[Positive, Field(description="Vertices within it are held, m.")] = 0.03
     frames: Annotated[int, Field(ge=2, le=100_000, description="Frames of one pull.")] = 40
     rest: Annotated[int, Field(ge=0, le=100_000, description="Frames of free motion after each pull.")] = 40
+
+    @model_validator(mode="after")
+    def _of_a_length(self) -> PullOptions:
+        frames = self.count * self.frames_of_one
+        if frames > MOST_FRAMES:
+            raise ValueError(f"{self.count} pulls of {self.frames_of_one} frames are {frames}; at most {MOST_FRAMES}")
+        return self
 
     @property
     def frames_of_one(self) -> int:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from ldsim.arrays import Array
+from ldsim.errors import MeshError
 from ldsim.mesh.mesh import Mesh
 
 GAUSS = 1 / np.sqrt(3)
@@ -57,12 +58,19 @@ def reference_points(cell_type: str) -> tuple[Array, Array, Array]:
 
 
 def quadrature(mesh: Mesh) -> Quadrature:
-    """The quadrature points of every cell, the points of one cell in sequence."""
+    """The quadrature points of every cell, the points of one cell in sequence.
+
+    Raises:
+        MeshError: a cell is folded between its corners.
+    """
     _, reference, weights = reference_points(mesh.cell_type)
     x = mesh.vertices[mesh.cells]
     jacobian = np.einsum("mai,paj->mpij", x, reference)
+    volumes = np.linalg.det(jacobian) * weights
+    folded = (volumes <= 0).any(axis=1)
+    if folded.any():
+        raise MeshError(f"cell {int(folded.argmax())} is folded between its corners, all of which look right; mend it")
     gradients = np.einsum("paj,mpji->mpai", reference, np.linalg.inv(jacobian))
-    volumes = np.abs(np.linalg.det(jacobian)) * weights
     points = len(weights)
     nodes = mesh.cells.shape[1]
     return Quadrature(

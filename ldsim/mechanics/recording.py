@@ -29,8 +29,9 @@ def read_recording(path: Path, name: str) -> Motion:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise MotionError(f"recording {path} cannot be read: {error}") from error
-    header = dict(_key_value(line) for line in lines if line.startswith("#") and ":" in line)
-    rows = [[word.strip() for word in line.split(",")] for line in lines if line.strip() and not line.startswith("#")]
+    notes = [line for line in lines if line.lstrip('"').startswith("#")]
+    header = dict(_key_value(line) for line in notes if ":" in line)
+    rows = [[word.strip() for word in line.split(",")] for line in lines if line.strip(", ") and line not in notes]
     if len(rows) < 2:
         raise MotionError(f"recording {path} holds no frames; expected a header line and one row a frame")
     missing = [column for column in COLUMNS if column not in rows[0]]
@@ -91,7 +92,7 @@ def _spring(drag: Drag) -> tuple[float, float]:
 
 
 def _key_value(line: str) -> tuple[str, str]:
-    key, value = line.lstrip("# ").split(":", 1)
+    key, value = line.strip('," ').lstrip("# ").split(":", 1)  # a spreadsheet quotes, and pads with commas
     return key.strip(), value.strip()
 
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:  # whoever only reads a configuration needs no mesh
     from ldsim.mesh.mesh import Group, Mesh
 
 AXES = {"x": 0, "y": 1, "z": 2}
+# What rounding may put beyond a bound, a share of the solid's diagonal: 18 mm are 0.018000000000000002 m.
+ROUNDING = 1e-9
 
 Mask = NDArray[np.bool_]
 Points = Array
@@ -30,7 +32,8 @@ class Slab(Options):
     def holds(self, points: Points, mesh: Mesh) -> Mask:
         """Whether each point, (p, 3) metres, lies in it; (p,) bool."""
         x, ends = points[:, AXES[self.axis]], mesh.vertices[:, AXES[self.axis]]
-        inside: Mask = x >= ends.max() - self.thickness if self.at == "max" else x <= ends.min() + self.thickness
+        depth, most = ends.max() - x if self.at == "max" else x - ends.min(), self.thickness + _slack(mesh)
+        inside: Mask = depth <= most
         return inside
 
 
@@ -42,7 +45,7 @@ class Ball(Options):
 
     def holds(self, points: Points, mesh: Mesh) -> Mask:
         """As `Slab.holds`."""
-        inside: Mask = np.linalg.norm(points - np.array(self.centre), axis=1) <= self.radius
+        inside: Mask = np.linalg.norm(points - np.array(self.centre), axis=1) <= self.radius + _slack(mesh)
         return inside
 
 
@@ -60,7 +63,8 @@ class Box(Options):
 
     def holds(self, points: Points, mesh: Mesh) -> Mask:
         """As `Slab.holds`."""
-        inside: Mask = np.all((points >= np.array(self.min)) & (points <= np.array(self.max)), axis=1)
+        low, high = np.array(self.min) - _slack(mesh), np.array(self.max) + _slack(mesh)
+        inside: Mask = np.all((points >= low) & (points <= high), axis=1)
         return inside
 
 
@@ -142,6 +146,10 @@ class Region(Options):
             low, high = (end(mesh.vertices, axis=0).round(4).tolist() for end in (np.min, np.max))
             raise SceneError(f"{self} {nothing}; the solid spans {low} … {high} m")
         return found
+
+
+def _slack(mesh: Mesh) -> float:
+    return ROUNDING * mesh.diagonal
 
 
 def _mask(indices: Indices, size: int) -> Mask:

@@ -12,10 +12,13 @@ from scipy.sparse import csr_array
 from ldsim.arrays import Array, Indices
 from ldsim.errors import SceneError
 from ldsim.mechanics.elastic import Elements
-from ldsim.mechanics.materials import material_names
+from ldsim.mechanics.materials import material_names, material_number
 from ldsim.mechanics.properties import Properties, lame_parameters
 from ldsim.mechanics.quadrature import Quadrature, mass_matrix, quadrature
 from ldsim.mesh.mesh import Mesh, check_cells, components
+
+# Their resistance to a change of volume is λ alone; below that the solid grows without bound, or as it likes.
+RESISTS_VOLUME = {"neo_hookean": np.greater, "fixed_corotated": np.greater_equal}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +61,21 @@ class Scene:
             raise SceneError(
                 f"material, mu, lam, density, pinned, gravity, load have shapes {found}; the mesh {n}, {m}"
             )
+        if self.pinned.dtype != np.bool_:
+            raise SceneError(f"pinned is of type {self.pinned.dtype}; expected bool, true where vertices stand still")
         material_names(np.unique(self.material).tolist())
         for name, values in (("mu", self.mu), ("bulk modulus", self.lam + 2 / 3 * self.mu), ("density", self.density)):
             if not (np.isfinite(values).all() and (values > 0).all()):
                 raise SceneError(f"{name} of a cell is {values.min():g}; it must be positive and finite")
+        for name, allowed in RESISTS_VOLUME.items():
+            wrong = (self.material == material_number(name)) & ~allowed(self.lam, 0)
+            if wrong.any():
+                cell = int(wrong.argmax())
+                ratio = self.lam[cell] / (2 * (self.lam[cell] + self.mu[cell]))
+                raise SceneError(
+                    f"cell {cell} is of {name} with Poisson's ratio {ratio:.3g}, where a change of volume "
+                    "costs nothing or less; give a greater one, or use stable_neo_hookean"
+                )
         for name, values in (("gravity", self.gravity), ("load", load)):
             if not np.isfinite(values).all():
                 raise SceneError(f"{name} holds {values[~np.isfinite(values)][0]:g}; it must be finite")

@@ -16,14 +16,13 @@ from ldsim.arrays import Array, Indices
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.options import (
+    MOST_FRAMES,
     GravitySweepOptions,
     MovingPinsOptions,
     ReleaseOptions,
     ScriptOptions,
 )
 from ldsim.mechanics.scene import Scene
-
-MOST_FRAMES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +66,21 @@ def frames_until(time: float, time_step: float) -> int:
     return max(int(np.floor(time / time_step + 1e-6)), 1)
 
 
-def grab_along(
-    path: Path, point: ArrayLike, radius: float, stiffness: float, at_rest: bool, time_step: float
-) -> Drag | None:
-    """A drag whose target follows a path, (d = 3) metres, from the first keyframe to the last; None if no frame is.
+def grab_along(path: Path, point: ArrayLike, radius: float, stiffness: float, at_rest: bool, time_step: float) -> Drag:
+    """A drag whose target follows a path, (d = 3) metres, from the first keyframe to the last.
 
     Args:
         point: where it takes hold, (3,) metres, on the rest shape or the deformed one.
+
+    Raises:
+        MotionError: no frame lies in between.
     """
     start = int(np.ceil(path.times[0] / time_step - 1e-6)) - 1
     stop = frames_until(float(path.times[-1]), time_step)
     start = max(start, 0)
     if start >= stop:
-        return None
+        first, last = path.times[[0, -1]]
+        raise MotionError(f"a grab from {first:g} to {last:g} s holds no frame; they are {time_step:g} s apart")
     targets = path.at(frame_times(stop, time_step)[start:])
     return Drag(start, np.array(point, dtype=np.float64), targets, radius, stiffness, at_rest)
 
@@ -163,15 +164,17 @@ def scripted(name: str, scene: Scene, script: ScriptOptions) -> Motion:
     drags = []
     for grab in script.grabs:
         path = Path.of([(each.time, each.target) for each in grab.keyframes], grab.eased)
-        drags.append(grab_along(path, grab.point, grab.radius, grab.stiffness, grab.at_rest, h))
+        drag = grab_along(path, grab.point, grab.radius, grab.stiffness, grab.at_rest, h)
+        if drag.start >= len(times):
+            raise MotionError(f"a grab begins at {path.times[0]:g} s, when the motion of {times[-1]:g} s is over")
+        drags.append(drag)
     gravity = None
     if script.gravity is not None:
         keyframes = [(each.time, each.acceleration) for each in script.gravity.keyframes]
         gravity = Path.of(keyframes, script.gravity.eased).at(times)
     supports = tuple(_support(scene, moving, times) for moving in script.moving_pins)
     _check_disjoint(supports)
-    pulls = tuple(drag for drag in drags if drag is not None and drag.start < len(times))
-    return Motion(name, len(times), pulls, gravity, supports)
+    return Motion(name, len(times), tuple(drags), gravity, supports)
 
 
 def _support(scene: Scene, moving: MovingPinsOptions, times: Array) -> Support:
@@ -208,4 +211,4 @@ def released(name: str, scene: Scene, options: ReleaseOptions) -> Motion:
     held = [(0.0, options.point), (there, options.target), (let_go, options.target)]
     path = Path.of(held if options.hold > 0 else held[:2], eased=True)
     drag = grab_along(path, options.point, options.radius, options.stiffness, True, scene.time_step)
-    return Motion(name, frames_until(let_go + options.swing, scene.time_step), () if drag is None else (drag,))
+    return Motion(name, frames_until(let_go + options.swing, scene.time_step), (drag,))

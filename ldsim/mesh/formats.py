@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import meshio
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
@@ -89,7 +90,8 @@ def read_surface(path: str | Path, scale: float = 1.0) -> Triangles:
     if path.suffix.lower() in PAINTED:
         skin = read_skin(path, scale)  # where texture coordinates part, so do its vertices: what is one place is joined
         places, number = np.unique(skin.positions, axis=0, return_inverse=True)
-        return Triangles(places, number[skin.triangles])
+        with naming(path):
+            return Triangles(places, number[skin.triangles])
     raw = _read_raw(path)
     other = sorted({block.type for block in raw.cells if block.dim > 1 and block.type not in SURFACE_CUTS})
     if other:
@@ -210,11 +212,17 @@ def _groups(raw: meshio.Mesh) -> dict[str, Group]:
     for i, block in enumerate(raw.cells):
         for name, members in _members(raw, i, block).items():
             cells = first_cells[i] + members if block.dim == 3 else np.empty(0, dtype=np.int64)
-            parts.setdefault(name, []).append(Group(np.unique(block.data[members]), cells))
+            parts.setdefault(_group_name(name), []).append(Group(np.unique(block.data[members]), cells))
     for name, vertices in _point_parts(raw).items():
-        parts.setdefault(name, []).append(Group(vertices, np.empty(0, dtype=np.int64)))
-    groups = {name.replace("/", "_"): _union(found) for name, found in sorted(parts.items())}
+        parts.setdefault(_group_name(name), []).append(Group(vertices, np.empty(0, dtype=np.int64)))
+    groups = {name: _union(found) for name, found in sorted(parts.items())}
     return {name: group for name, group in groups.items() if len(group.vertices)}
+
+
+def _group_name(name: str) -> str:
+    """One that HDF5 can keep; parts whose names become the same are one group."""
+    kept = name.replace("/", "_").replace("\0", "_")
+    return "unnamed" if kept in ("", ".") else kept
 
 
 def _members(raw: meshio.Mesh, i: int, block: meshio.CellBlock) -> dict[str, Indices]:
@@ -222,11 +230,17 @@ def _members(raw: meshio.Mesh, i: int, block: meshio.CellBlock) -> dict[str, Ind
     sets = {name: indices[i] for name, indices in raw.cell_sets.items() if not name.startswith("gmsh:")}
     members = {name: np.asarray(found, dtype=np.int64) for name, found in sets.items() if found is not None}
     for key in TAGS:
-        tags = np.asarray(raw.cell_data[key][i]) if key in raw.cell_data else np.zeros(0)
+        tags = _tags(raw.cell_data[key][i] if key in raw.cell_data else ())
         for tag in np.unique(tags[tags != 0]):
             name = _tag_name(raw, block.dim, int(tag)) if key == TAGS[0] else f"{ENTITIES[block.dim]}_{int(tag)}"
             members.setdefault(name, np.flatnonzero(tags == tag))
     return {name: found for name, found in members.items() if len(found)}
+
+
+def _tags(values: ArrayLike) -> Array:
+    """The numbers of parts, one for each entity; data of another kind by the same name tell of none."""
+    tags = np.asarray(values)
+    return tags if tags.ndim == 1 and tags.dtype.kind in "iuf" and np.isfinite(tags).all() else np.zeros(0)
 
 
 def _tag_name(raw: meshio.Mesh, dim: int, tag: int) -> str:
@@ -238,7 +252,7 @@ def _tag_name(raw: meshio.Mesh, dim: int, tag: int) -> str:
 def _point_parts(raw: meshio.Mesh) -> dict[str, Indices]:
     """The vertices of each set of points, and of each number that points are marked with."""
     parts = {name: np.unique(np.asarray(found, dtype=np.int64)) for name, found in raw.point_sets.items()}
-    tags = np.asarray(raw.point_data.get("medit:ref", np.zeros(0)))
+    tags = _tags(raw.point_data.get("medit:ref", ()))
     return parts | {f"points_{int(tag)}": np.flatnonzero(tags == tag) for tag in np.unique(tags[tags != 0])}
 
 

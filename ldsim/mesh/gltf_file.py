@@ -23,6 +23,8 @@ COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TRIANGLES = 4
 MAGIC, BINARY = b"glTF", 0x004E4942
 SUFFIXES = {"image/png": ".png", "image/jpeg": ".jpg"}
+# What a file that is damaged, or another one by this name, may lead to.
+FAILURES = OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error
 
 
 def read_gltf(path: Path) -> Skin:
@@ -33,7 +35,7 @@ def read_gltf(path: Path) -> Skin:
     """
     try:
         return _File(path).skin()
-    except (OSError, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
+    except FAILURES as error:
         raise MeshError(f"{path} is not a readable glTF file ({error!r})") from error
 
 
@@ -43,7 +45,7 @@ def files_of_gltf(path: Path) -> list[str]:
         document = _File(path).document
         entries = [entry for kind in ("buffers", "images") for entry in document.get(kind, [])]
         return [unquote(entry["uri"]) for entry in entries if not entry.get("uri", "data:").startswith("data:")]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error):
+    except FAILURES:
         return []
 
 
@@ -85,10 +87,15 @@ class _File:
     def _placed(self) -> Iterator[tuple[Array, NDArray[np.int64], Array | None, Array | None, tuple[str, Paint]]]:
         """Positions, triangles, texture coordinates, normals and part of each primitive, where its node puts it."""
         nodes = self.document.get("nodes", [])
-        scenes = self.document.get("scenes", [{"nodes": list(range(len(nodes)))}])
+        children = {child for node in nodes for child in node.get("children", [])}
+        scenes = self.document.get("scenes", [{"nodes": [i for i in range(len(nodes)) if i not in children]}])
         todo = [(node, np.eye(4)) for node in scenes[self.document.get("scene", 0)].get("nodes", [])]
+        placed: set[int] = set()
         while todo:
             number, above = todo.pop(0)
+            if number in placed:  # it would be drawn twice, or for ever
+                raise ValueError(f"node {number} is placed twice")
+            placed.add(number)
             node = nodes[number]
             place = above @ _matrix(node)
             todo += [(child, place) for child in node.get("children", [])]

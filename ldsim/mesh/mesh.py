@@ -74,12 +74,11 @@ class Mesh:
             raise MeshError(f"cell type {self.cell_type!r} is not one of {', '.join(NODES_PER_CELL)}")
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
         cells = np.asarray(self.cells)
-        if cells.size and cells.max() > np.iinfo(np.int32).max:
-            raise MeshError(f"a cell refers to vertex {cells.max()}; allowed are 0 … {len(vertices) - 1}")
-        cells = np.ascontiguousarray(cells, dtype=np.int32)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "cells", cells)
+        if cells.size and cells.dtype.kind not in "iu":
+            raise MeshError(f"cells are of type {cells.dtype}; expected whole numbers of vertices")
         check_indices(vertices, cells, NODES_PER_CELL[self.cell_type], "cell", "m")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "cells", np.ascontiguousarray(cells, dtype=np.int32))
 
     @property
     def n_vertices(self) -> int:

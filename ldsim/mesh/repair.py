@@ -166,7 +166,13 @@ def _outward(surface: Triangles, repairs: list[str]) -> Triangles:
     component = _components(len(surface.faces), np.stack([first, second], axis=1))
     parts = [Triangles(surface.vertices, surface.faces[component == i]) for i in range(component.max() + 1)]
     volumes = np.bincount(component, weights=face_volumes(surface))
-    around = [[j for j, other in enumerate(parts) if j != i and _lies_in(part, other)] for i, part in enumerate(parts)]
+    # boxes first, all at once: a scan may have thousands of crumbs
+    points = np.array([part.vertices[part.faces[0, 0]] for part in parts])
+    low, high = (np.array([end(p.vertices[p.faces], axis=(0, 1)) for p in parts]) for end in (np.min, np.max))
+    around: list[list[int]] = []
+    for i, point in enumerate(points):
+        near = np.flatnonzero(((point >= low) & (point <= high)).all(axis=1))
+        around.append([int(j) for j in near if j != i and abs(winding_number(parts[j], point)) > 0.5])
     inverted = {i for i, outer in enumerate(around) if not outer and volumes[i] < 0}
     turn = np.array([bool(inverted & {i, *outer}) for i, outer in enumerate(around)])
     _tell(repairs, int(turn.sum()), "inside-out components turned")
@@ -177,14 +183,6 @@ def _outward(surface: Triangles, repairs: list[str]) -> Triangles:
             "solid to fill"
         )
     return turned
-
-
-def _lies_in(part: Triangles, other: Triangles) -> bool:
-    point = part.vertices[part.faces[0, 0]]
-    box = other.vertices[np.unique(other.faces)]
-    if (point < box.min(axis=0)).any() or (point > box.max(axis=0)).any():
-        return False
-    return abs(winding_number(other, point)) > 0.5
 
 
 def _half_edges(surface: Triangles) -> Indices:

@@ -110,8 +110,11 @@ def tetrahedralized_to_count(
     length = float((6 * np.sqrt(2) * surface.volume / cells) ** (1 / 3))
     tried: list[Tetrahedralization] = []
     while len(tried) < TRIES:
+        length = min(length, surface.diagonal * LONGEST_EDGE)
+        if tried and length == tried[-1].edge_length:  # no longer edge is allowed, and the filling would be the same
+            break
         try:
-            tried.append(tetrahedralized(surface, min(length, surface.diagonal * LONGEST_EDGE), envelope, seconds))
+            tried.append(tetrahedralized(surface, length, envelope, seconds))
         except MeshError as error:
             if not tried:
                 raise

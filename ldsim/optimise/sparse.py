@@ -56,7 +56,7 @@ class Factor:
         except NotPositive as error:
             raise SolverError(
                 f"the system matrix of {size} unknowns cannot be factorised ({error}); "
-                "check that every part of the solid is pinned or the time step is positive"
+                "check that the pins let no part of the solid float or turn: three of its vertices, not in a line"
             ) from error
         except MemoryError as error:
             raise SolverError(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,6 +31,8 @@ from ldsim.mechanics.motion import Motion
 from ldsim.pipeline.cluster import WorkerDied, result, started
 
 POLL_SECONDS = 0.5
+# Between two checkpoints of a motion: of a small solid one takes longer than a step.
+CHECKPOINT_SECONDS = 0.2
 
 
 def run_motions(
@@ -123,7 +126,7 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
             none = np.empty(0, dtype=np.int64)
             checkpoint = Checkpoint(identity, vars(stepper.rest()), {}, dict.fromkeys(STATISTICS, none), np.empty(0))
         statistics = {name: list(values) for name, values in checkpoint.statistics.items()}
-        seconds = list(checkpoint.seconds)
+        seconds, written = list(checkpoint.seconds), -math.inf
         frames = range(checkpoint.frames, motion.frames)
         started = time.perf_counter()
         made = simulate(stepper, motion, FullState(**checkpoint.state), frames, checkpoint.held)
@@ -132,9 +135,12 @@ def run_motion(scene_path: Path, lease: Lease, motion: Motion, options: FullOpti
                 seconds.append(time.perf_counter() - started)
                 for name, values in statistics.items():
                     values.append(int(getattr(frame.solution, name)))
-                counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
                 store.append(frame.state.u)
-                store.write_checkpoint(Checkpoint(identity, vars(frame.state), frame.held, counts, np.array(seconds)))
+                if len(seconds) == motion.frames or time.perf_counter() - written >= CHECKPOINT_SECONDS:
+                    counts = {name: np.array(values, dtype=np.int64) for name, values in statistics.items()}
+                    state = vars(frame.state)
+                    store.write_checkpoint(Checkpoint(identity, state, frame.held, counts, np.array(seconds)))
+                    written = time.perf_counter()
                 if not lease.holds():
                     raise SolverError(f"{lease.folder} was taken over by another run; this one stopped")
                 started = time.perf_counter()

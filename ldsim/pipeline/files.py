@@ -35,6 +35,15 @@ def content_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
+def relative_path(path: Path, folder: Path) -> str:
+    """A path as a configuration in some folder has it: relative, where there is a way, and alike on every system."""
+    path, folder = path.resolve(), folder.resolve()  # through a link ".." leads elsewhere
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # on another drive
+        return path.as_posix()
+
+
 def resolve_path(text: str, base: Path) -> Path:
     """A path of a configuration: $LDSIM_DATA expanded, relative to the folder `base`, that of the configuration.
 

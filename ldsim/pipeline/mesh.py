@@ -146,8 +146,9 @@ def _column(name: str | None, cell_data: Numbers) -> Array | None:
 
 
 def surface_identity(path: Path, options: SurfaceOptions, scale: float, refine: int) -> str:
-    """SHA-256 of all that shapes the tets of a surface."""
-    return hashlib.sha256(f"{content_hash(path)} {scale} {refine} {options.dump()}".encode()).hexdigest()
+    """SHA-256 of all that shapes the tets of a surface; not of how its file is called, nor of how long it may take."""
+    shaping = options.model_copy(update={"file": "", "timeout": 0.0}).dump()
+    return hashlib.sha256(f"{content_hash(path)} {scale} {refine} {shaping}".encode()).hexdigest()
 
 
 def tets_of_surface(path: Path, options: SurfaceOptions, scale: float, tell: Tell) -> Tets:

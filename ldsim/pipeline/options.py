@@ -50,9 +50,13 @@ class MeshOptions(Options):
     _one = exactly_one("file", "shape", "surface")
 
     @model_validator(mode="after")
-    def _cell_data_of_a_file(self) -> MeshOptions:
+    def _of_a_file(self) -> MeshOptions:
         if self.cell_data is not None and self.file is None:
             raise ValueError("cell_data is read from a mesh file; with a shape or a surface use regions")
+        if self.scale != 1 and self.shape is not None:
+            raise ValueError(f"scale is {self.scale:g}, but a shape is given in metres; scale is of a file's unit")
+        if self.reorient and self.file is None:
+            raise ValueError("reorient is of the cells of a mesh file; a shape and a surface's filling need it not")
         return self
 
     @property
@@ -100,8 +104,8 @@ class SnapshotOptions(FullOptions):
     @model_validator(mode="after")
     def _distinct(self) -> SnapshotOptions:
         names = [motion.name for motion in self.motions]
-        if len(set(names)) < len(names):
-            raise ValueError(f"motions must have different names, got {', '.join(names)}")
+        if len({name.casefold() for name in names}) < len(names):  # each has a file, and some systems fold their names
+            raise ValueError(f"motions must have different names, and not by case alone; got {', '.join(names)}")
         if "train" not in self.roles:
             raise ValueError("at least one motion must have the role train")
         return self
@@ -111,7 +115,8 @@ class SnapshotOptions(FullOptions):
         """The role of each motion, given or chosen."""
         open_ = [i for i, motion in enumerate(self.motions) if motion.role is None]
         count = max(round(self.test_share * len(open_)), 1) if self.test_share > 0 and open_ else 0
-        chosen = random.Random(self.test_seed).sample(open_, count)
+        # by a number of each name, so that with further motions those that were tests mostly stay tests
+        chosen = sorted(open_, key=lambda i: random.Random(f"{self.test_seed} {self.motions[i].name}").random())[:count]
         return tuple(motion.role or ("test" if i in chosen else "train") for i, motion in enumerate(self.motions))
 
     @property

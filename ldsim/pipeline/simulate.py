@@ -95,6 +95,11 @@ def _scene(run: Run, options: SimulateOptions) -> Scene | None:
     return with_properties(run.scene, properties_of(run.scene).changed(**options.material.model_dump()))
 
 
+def simulated_scene(run: Run) -> Scene:
+    """The solid as the reduced spaces were run, with another material where one was asked for."""
+    return _scene(run, SimulateOptions.of_dump(run.header("simulation").settings)) or run.scene
+
+
 def residual(run: Run, space: str, motion: str) -> Callable[[int, Array], Array] | None:
     """The function (frame, q) → what weight and grabs move beside U q in a motion that was run, (n, 3) metres.
 

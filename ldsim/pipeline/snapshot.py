@@ -63,7 +63,7 @@ def snapshot(
     solver = options.solver.model_copy(update={"linear_solver": choice.name})
     identities = {name: run_identity(scene_hash, each, solver) for name, each in motions.items()}
     with ExitStack() as stack:
-        there = {kind: found for kind in KINDS if (found := _there(run, kind, stack)) is not None}
+        there = {kind: found for kind in KINDS if (found := _there(run, kind, stack, progress)) is not None}
         kept = {name: found for found in there.values() for name in found.names}
         kept = {name: found for name, found in kept.items() if found.recorded(name).identity == identities.get(name)}
         missing = [each for name, each in motions.items() if name not in kept]
@@ -77,16 +77,19 @@ def snapshot(
 
                 run_motions(run.path("scene"), folder, missing, solver, min(workers, len(missing)), show, scheduler)
         gathering = _Gathering(run, motions, kept, words, files)
-        for kind, part in parts.items():
+        # first what takes motions from the other one, which has them until it is replaced
+        for kind, part in sorted(parts.items(), key=lambda each: -gathering.taken(each[1], there.get(each[0]))):
             gathering.write(kind, stages[kind], part, there.get(kind))
     return run.played
 
 
-def _there(run: Run, kind: str, stack: ExitStack) -> Snapshots | None:
-    """What an earlier call has written; None where there is nothing, or nothing readable."""
+def _there(run: Run, kind: str, stack: ExitStack, progress: Progress) -> Snapshots | None:
+    """What an earlier call has written; None where there is nothing, or nothing readable, of which is told."""
     try:
         return stack.enter_context(Snapshots(run.path(kind), run.scene.mesh.n_vertices, kind))
-    except ArtefactError:
+    except ArtefactError as error:
+        if run.path(kind).exists():
+            progress.tell(f"note: {error}; its motions run anew")
         return None
 
 
@@ -131,6 +134,10 @@ class _Gathering:
         ]
         write_snapshots(run.path(kind), header, entries, run.scene.mesh.n_vertices)
         run.written(kind)
+
+    def taken(self, options: SnapshotOptions, there: Snapshots | None) -> int:
+        """How many motions of an artefact lie in the other one."""
+        return sum(self.kept.get(entry.name, there) is not there for entry in options.motions)
 
     def _stored(self, name: str) -> Stored:
         if name in self.kept:

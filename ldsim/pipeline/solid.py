@@ -11,7 +11,7 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.dynamics.full.linear_choice import choose
-from ldsim.errors import LdsimError, SolverError
+from ldsim.errors import LdsimError
 from ldsim.mechanics.linear_response import LinearResponse
 from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.random_pulls import spread_points
@@ -28,6 +28,8 @@ GRIP_SHARE, GRIP_EDGES = 0.01, 1.2
 GRIPS, FREQUENCIES = 48, 4
 # Beyond these shares of its size, and this strain, what linear elasticity says is absurd, and what it is said of too.
 SAG, TORN, STILL = 0.2, 1.0, 0.005
+# A grip that holds more of the vertices pushes the solid and does not bend it.
+MOST_HELD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,7 @@ class Solid:
         frequencies: the slowest, ascending, (f,) Hz.
         softness: at points spread over its surface, the compliance of a grip in its softest direction, (p,) m/N.
         strain: the largest in the solid when a grip there is moved, per metre, (p,) 1/m.
+        held: the share of what can move that a grip there holds, (p,).
     """
 
     size: float
@@ -53,6 +56,7 @@ class Solid:
     frequencies: Array
     softness: Array
     strain: Array
+    held: Array
 
     def stiffened(self, factor: float) -> Solid:
         """The same solid of a Young's modulus so many times as large."""
@@ -94,7 +98,8 @@ def look_at(scene: Scene, radius: float | None = None) -> Solid | None:
     response = LinearResponse(scene, choice.order, choice.elimination)
     radius = usual_radius(scene) if radius is None else radius
     force = scene.external_force
-    grips = [_grip(scene, response, point, radius) for point in spread_points(scene, GRIPS).tolist()]
+    points = spread_points(scene, GRIPS).tolist()
+    softness, strain, held = np.array([_grip(scene, response, point, radius) for point in points]).T
     return Solid(
         size=scene.mesh.diagonal,
         weight=float(np.linalg.norm(force.sum(axis=0))),
@@ -102,19 +107,21 @@ def look_at(scene: Scene, radius: float | None = None) -> Solid | None:
         sag=float(np.linalg.norm(response.displacement(force), axis=1).max()),
         load_factor=response.load_factor(force),
         frequencies=response.frequencies(FREQUENCIES),
-        softness=np.array([softness for softness, _ in grips]),
-        strain=np.array([strain for _, strain in grips]),
+        softness=softness,
+        strain=strain,
+        held=held,
     )
 
 
-def _grip(scene: Scene, response: LinearResponse, point: int, radius: float) -> tuple[float, float]:
-    """Compliance in the softest direction, m/N, and the largest strain for a metre that way."""
+def _grip(scene: Scene, response: LinearResponse, point: int, radius: float) -> tuple[float, float, float]:
+    """Compliance in the softest direction, m/N, the largest strain for a metre that way, and the share that is held."""
     x = scene.mesh.vertices
     held = np.flatnonzero((np.linalg.norm(x - x[point], axis=1) <= radius) & scene.movable)
     fields = response.of_grip(held)
     values, vectors = np.linalg.eigh(fields[held].mean(axis=0))
     softest = float(values[-1])
-    return softest, float(response.strain(fields @ vectors[:, -1]).max()) / softest
+    strain = float(response.strain(fields @ vectors[:, -1]).max()) / softest
+    return softest, strain, len(held) / float(scene.movable.sum())
 
 
 def moved_by(solid: Solid, pulls: PullOptions) -> Array:
@@ -128,7 +135,7 @@ def solid_lines(scene: Scene, options: SnapshotOptions) -> list[str]:
     pulls = {(each.reach, each.stiffness, each.radius): each for m in options.motions if (each := m.pulls) is not None}
     try:
         solid = look_at(scene, next(iter(pulls.values())).radius if pulls else None)
-    except SolverError as error:
+    except LdsimError as error:
         return [f"warning: what the solid does at rest is not known: {error}"]
     if solid is None:
         return ["the solid is too large for a factor in memory; what it does at rest was not looked at"]
@@ -183,6 +190,12 @@ def _of_pulls(solid: Solid, pulls: PullOptions) -> list[str]:
         f"it by {length(low)} to {length(high)} where they hold it ({number(100 * low / solid.size)} to "
         f"{number(100 * high / solid.size)} % of its size)"
     ]
+    share = float(np.median(solid.held))
+    if share > MOST_HELD:
+        lines.append(
+            f"warning: a grip of {length(solid.radius)} holds {number(100 * share)} % of it, which it pushes more than "
+            "it bends it; lower radius"
+        )
     if high < STILL * solid.size:
         wanted = float(f"{1 / np.median(solid.softness):.1e}")
         lines.append(f"warning: these pulls hardly move it; a spring as stiff as the solid has {number(wanted)} N/m")

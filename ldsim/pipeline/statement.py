@@ -175,11 +175,16 @@ def about(options: StatementOptions) -> str:
     )
 
 
-def sentence(found: Bound, what: str, before: bool = False) -> str:
-    """The statement in words; `what` the motions are, see `about`, and whether they judged an earlier model too."""
+def sentence(found: Bound, what: str, before: bool = False, space: str = "") -> str:
+    """The statement in words; `what` the motions are, see `about`, and whether they judged an earlier model too.
+
+    Args:
+        space: named where it is not the one that is used.
+    """
+    within = f" in the {space} space" if space else ""
     share = f"{100 * found.quantile:.3g} % of motions like these"
     seen = "that judged an earlier model too" if before else "that nothing had seen"
     with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones {seen}"
     if not math.isfinite(found.error):
-        return f"Nothing can be said of {share}: too many of {found.motions} fresh ones were lost ({what})."
-    return f"{share} stay within {100 * found.error:.3g} % of the full space ({with_}; {what})."
+        return f"Nothing can be said of {share}{within}: too many of {found.motions} fresh ones were lost ({what})."
+    return f"{share} stay within {100 * found.error:.3g} % of the full space{within} ({with_}; {what})."

@@ -37,14 +37,25 @@ def compare(folders: Sequence[Path], output: Path) -> list[str]:
     """
     if output.suffix != ".html" or output.is_dir():
         raise ExportError(f"the output is {output}; expected the name of a file that ends in .html")
+    beside = output.with_suffix(".json")
+    if beside.exists() and not _is_comparison(beside):
+        raise ExportError(f"{beside}, which its numbers would replace, is no comparison; give another name")
     runs = read_runs(folders)
     content = comparison(runs, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), output.parent)
     page = comparison_page(runs, content)
     numbers = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    for path, text in ((output.with_suffix(".json"), numbers), (output, page)):
+    for path, text in ((beside, numbers), (output, page)):
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
     return list(content["warnings"])
+
+
+def _is_comparison(path: Path) -> bool:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and {"runs", "warnings"} <= set(found)
 
 
 def comparison_page(runs: Sequence[Reported], content: Mapping[str, Any]) -> str:

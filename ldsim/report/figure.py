@@ -102,6 +102,16 @@ class Figure:
     shades: Mapping[str, tuple[tuple[float, float], ...]] | None = None
     height: float = 2.9
 
+    @property
+    def shows_something(self) -> bool:
+        """Whether a series has a point that can be drawn: its values are finite, but a logarithm needs more."""
+        for one in self.series:
+            upright = self.right if one.right and self.right is not None else self.y
+            points = zip(one.x, one.y, strict=True)
+            if any((x > 0 or not self.x.log) and (y > 0 or not upright.log) for x, y in points):
+                return True
+        return False
+
     def record(self) -> dict[str, Any]:
         """As JSON holds it."""
         return asdict(self)

@@ -28,7 +28,7 @@ def draw_figures(run: Run, cubature_tolerance: float) -> dict[str, Figure]:
         **{f"online_error_{motion}": online_error(run, motion) for motion in run.motions},
         **{f"novelty_{motion}": novelty(run, motion) for motion in runs(run, "latent")},
     }
-    return {name: figure for name, figure in figures.items() if figure is not None}
+    return {name: figure for name, figure in figures.items() if figure is not None and figure.shows_something}
 
 
 def error_against_k(run: Run) -> Figure:
@@ -77,9 +77,19 @@ def singular_values(run: Run) -> Figure:
 
 
 def training_history(run: Run) -> Figure:
-    """Loss against epochs."""
+    """Loss against epochs; of a condensed space what its fit came to, each time it was judged."""
     loss = run.model.loss
     epochs = np.arange(1, len(loss) + 1)
+    if run.model.condensed:
+        return Figure(
+            "The fit of the condensed space: its loss, and the error of V_eff's force on poses kept back",
+            Axis("share of the steps, %"),
+            Axis("loss; relative force error", log=True),
+            (
+                curve("loss of the fit", "latent", 100 * epochs / len(loss), loss[:, 0]),
+                curve("force, poses kept back", "second", 100 * epochs / len(loss), loss[:, 1], dashed=True),
+            ),
+        )
     return Figure(
         "Training and validation loss against epochs",
         Axis("epoch"),

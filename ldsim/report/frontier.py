@@ -71,6 +71,8 @@ def advice(run: Run) -> list[str]:
     use = next((each for each in found if each.space == space), None)
     if use is None:
         return []
+    if not any(each.error < float("inf") for each in found):
+        return [f"Every space diverged on the {ROLE_NAMES[roles[names[0]]]} motions, so none is to be used."]
     rival = _rival(use, found)
     beside = f"; {_measured(run, rival)}" if rival is not None else ""
     on = f"on the {ROLE_NAMES[roles[names[0]]]} motions{beside}."

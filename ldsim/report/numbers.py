@@ -289,7 +289,9 @@ def _statement(run: Run) -> schema.Statement | None:
     bounds = {space: bound(errors[space], options.quantile, options.confidence) for space in REDUCED}
     found, what = bounds["latent"], about(options)
     return schema.Statement(
-        sentence=sentence(found, what, bool(run.header("simulation").notes.get(BEFORE, 0))),
+        sentence=sentence(
+            found, what, bool(run.header("simulation").notes.get(BEFORE, 0)), "" if run.chosen == "latent" else "latent"
+        ),
         about=what,
         motions=found.motions,
         quantile=found.quantile,

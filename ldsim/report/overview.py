@@ -84,9 +84,11 @@ def missed(folder: Path, percent: float | None = None, microseconds: float | Non
         if run is None or run.median_step_ms is None:
             words.append("no time of a step is known: run all stages")
         elif 1000 * run.median_step_ms > microseconds:
+            assert numbers is not None
+            points = "train.condensed.points" if numbers.kind == "condensed" else "cubature.virtual.points"
             words.append(
                 f"a step takes {1000 * run.median_step_ms:.3g} µs, asked were {microseconds:g}; fewer of "
-                "train.hidden, train.condensed.points and train.r make it faster"
+                f"train.hidden, {points} and train.r make it faster"
             )
     return words
 

@@ -77,7 +77,12 @@ class Facts:
         return np.inf if statement.latent.error is None else statement.latent.error
 
     def poor(self, method: str) -> bool:
-        """Whether a space cannot hold the training poses: what it leaves is a fair share of what the motions move."""
+        """Whether a space cannot hold the training poses: what it leaves is a fair share of what the motions move.
+
+        Never of a condensed space, whose poses are told without what pulls and weight move beside its coordinates.
+        """
+        if self.condensed:
+            return False
         found, moved = self.numbers.reconstruction.train, [displacement(run) for run in self.numbers.simulate.latent]
         error = found[method].mean_mm if found is not None and found[method] is not None else None
         least = min((each for each in moved if each is not None), default=None)
@@ -108,7 +113,7 @@ def remedies(facts: Facts) -> list[str]:
 
 
 def _basis_too_small(facts: Facts) -> str | None:
-    if facts.condensed or not facts.poor("pca_k"):
+    if not facts.poor("pca_k"):
         return None
     k = facts.numbers.dims.k or 0
     return (
@@ -118,16 +123,9 @@ def _basis_too_small(facts: Facts) -> str | None:
 
 
 def _network_too_small(facts: Facts) -> str | None:
-    if not facts.poor("autoencoder") or (facts.poor("pca_k") and not facts.condensed):
+    if not facts.poor("autoencoder") or facts.poor("pca_k"):
         return None
     options, r = facts.train, facts.numbers.dims.r or 0
-    if facts.condensed:
-        more = min(_more(r, 1.4), facts.numbers.dims.kp or r)  # of the columns of the basis
-        turns = [facts.wider] if facts.wider else []
-        turns += [f"train.r to {more} (now {r})"] if more > r else []
-        if not turns:
-            return None
-        return f"The latent space does not hold the training poses: set {', or '.join(turns)}; {facts.cost('train')}."
     if _still_falling(facts.loss):
         return (
             f"The training loss is still falling: set train.epochs to {2 * options.epochs} (now {options.epochs}); "
@@ -163,8 +161,9 @@ def _unseen(facts: Facts) -> str | None:
     seconds = snapshot.seconds if snapshot is not None and snapshot.seconds else 0.0
     return (
         "The training motions do not show what the others do: add a motion of role train like them, with another seed, "
-        f"to snapshot.motions (as many pulls again take {_duration(seconds)}); then set pca.synthetic, which makes "
-        f"many more at little cost; {facts.cost('pca')}."
+        f"to snapshot.motions (as many pulls again take {_duration(seconds)})"
+        + ("; then set pca.synthetic, which makes many more at little cost" if facts.pca.synthetic is None else "")
+        + f"; {facts.cost('pca')}."
     )
 
 
@@ -188,11 +187,14 @@ def _forces(facts: Facts) -> str | None:
         turns = [facts.wider] if facts.wider else []
         sizes = {"points": condensed.points, "features": condensed.features}
         turns += [f"train.condensed.{name} to {2 * n} (now {n})" for name, n in sizes.items() if n]
-        return f"The forces are wrong, not the shapes: set {' and '.join(turns)}; {facts.cost('train')}."
-    return (
-        f"The forces are wrong, not the shapes: set cubature.tolerance to {options.tolerance / 2:.2g} (now "
-        f"{options.tolerance:g}) and cubature.max_points to {2 * options.max_points}; {facts.cost('cubature')}."
-    )
+        return f"It is off on motions that it learned from: set {' and '.join(turns)}; {facts.cost('train')}."
+    rule, virtual = facts.numbers.cubature.latent, options.virtual.points
+    if rule is not None and rule.virtual is not None:
+        turn = f"cubature.virtual.points to {2 * virtual} (now {virtual})"
+    else:
+        turn = f"cubature.tolerance to {options.tolerance / 2:.2g} (now {options.tolerance:g}) and cubature.max_points "
+        turn += f"to {2 * options.max_points}"
+    return f"The forces are wrong, not the shapes: set {turn}; {facts.cost('cubature')}."
 
 
 def _missed_cubature(facts: Facts) -> str | None:
@@ -226,7 +228,7 @@ def _diverged(facts: Facts) -> str | None:
 def _drift(facts: Facts) -> str | None:
     worst = facts.bad(training=False) or facts.bad(training=True)
     windowed = worst.online_error.windowed if worst is not None and worst.online_error is not None else None
-    if worst is None or windowed is None or windowed * DRIFT > relative(worst):
+    if worst is None or worst.diverged or windowed is None or windowed * DRIFT > relative(worst):
         return None
     return (
         f"Most of the error on {worst.motion} is drift: started anew every so often it is {readable(100 * windowed)} "

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from ldsim.report.schema import ROLE_NAMES, ROLES, FrontierRun, RunNumbers, Verdict
+from typing import TypeGuard
+
+from ldsim.report.schema import ROLE_NAMES, ROLES, FrontierRun, RunNumbers, Statement, Verdict
 from ldsim.report.warnings import LARGE_ONLINE_ERROR
 from ldsim.report.wording import counted, readable
 
 # Beyond this online error a motion is another one.
 USELESS_ONLINE_ERROR = 0.3
+# The share of motions that a statement has to be of.
+MOST = 0.8
 
 
 def verdict(report: RunNumbers) -> Verdict:
@@ -18,13 +22,14 @@ def verdict(report: RunNumbers) -> Verdict:
     told = f"the {name} of {counted(runs[0].dimension or 0, 'number')}" if runs else f"the {name}"
     error, where = _error(report, runs)
     stated = report.statement
-    if error is None and stated is not None and report.space in ("latent", "linear"):
+    if error is None and states(stated) and report.space in ("latent", "linear"):
         why = f"{told} was lost in {stated[report.space].lost} of {stated.motions} fresh motions."
         return Verdict(word="do not use", why=why)
     if error is None:
-        lost = any(run.diverged for run in report.simulate.latent)
-        if report.space != "latent":  # without an error it was lost, if there was anything to be judged by
-            lost = bool(runs) and (lost or any(run.online_error is not None for run in report.frontier))
+        # without an error it was lost, if there was anything to be judged by
+        lost = bool(runs) and any(run.online_error is not None for run in report.frontier)
+        if report.space == "latent":
+            lost = any(run.diverged for run in report.simulate.latent)
         return Verdict(
             word="do not use" if lost else "not judged",
             why=f"{told} {'was lost' if lost else 'has no full-space run to be judged by'}.",
@@ -34,12 +39,17 @@ def verdict(report: RunNumbers) -> Verdict:
     return Verdict(word="good" if good else "usable" if usable else "do not use", why=why)
 
 
+def states(statement: Statement | None) -> TypeGuard[Statement]:
+    """Whether a statement is of most motions: from a few fresh ones it is of a share that says little."""
+    return statement is not None and (statement.quantile or 0) >= MOST
+
+
 def _error(report: RunNumbers, runs: list[FrontierRun]) -> tuple[float | None, str]:
     """What the space stays within, and of what; None where it was lost or nothing is known."""
     statement = report.statement
-    if statement is not None and report.space in ("latent", "linear"):
-        about = f"of how far fresh motions move it (confidence {statement.confidence:.0%})"
-        return statement[report.space].error, about
+    if states(statement) and report.space in ("latent", "linear"):
+        share, sure = (f"{100 * (each or 0):.3g} %" for each in (statement.quantile, statement.confidence))
+        return statement[report.space].error, f"of how far they move it in {share} of fresh motions ({sure} confidence)"
     errors = [run.online_error for run in runs]
     if not errors or any(error is None for error in errors):
         return None, ""

@@ -137,6 +137,8 @@ def learn(
         StageFailed, SettingsError: see `enrich` and `make`.
     """
     begun, aim, ran, before = time.monotonic(), percent, dict[str, str](), ""
+    if words := passed_over(config):
+        say(words)
     while True:
         left = None if minutes is None else minutes - (time.monotonic() - begun) / 60
         ran |= enrich(config, runs, aim, left, say)
@@ -227,18 +229,18 @@ def enrich(
 
 
 def planned(config: Path, runs: Path, percent: float | None, minutes: float | None) -> str:
-    """What `enrich` would do beside the stages that are stale, a line; empty where it would learn nothing more."""
+    """What `enrich` would do beside the stages that are stale, in lines; empty where it would learn nothing more."""
+    over = f"{words}\n" if (words := passed_over(config)) else ""
     if percent is None:
-        return ""
+        return over
     _check_judged(load_settings(current(config)))
     rounds, made = _before(config, runs)
     few = MARGIN * percent
     if made and 100 * min(map(_error, rounds)) <= few:
-        return ""
+        return over
     limit = "" if minutes is None else f", none that would end after {minutes:g} minutes"
-    return (
-        f"train: {'more ' * bool(rounds)}rounds of learning, until {few:g} % is held on the pulls kept aside{limit}\n"
-    )
+    more = "more " * bool(rounds)
+    return f"{over}train: {more}rounds of learning, until {few:g} % is held on the pulls kept aside{limit}\n"
 
 
 def _check_judged(settings: Settings) -> None:
@@ -322,7 +324,7 @@ def _redraw(config: Path) -> None:
 
 
 def current(config: Path) -> Path:
-    """The configuration to make: what rounds came to, as long as the one that it was made from is the same."""
+    """The configuration to make: what rounds came to, as long as the one that it was made from says the same."""
     if not os.path.isfile(config):  # whoever reads it says so, as where it may not be read
         return config
     place = _enriched_of(config)
@@ -349,8 +351,15 @@ def _enriched_of(config: Path) -> Path:
     return config.with_suffix(f".enriched{config.suffix}")
 
 
+def passed_over(config: Path) -> str:
+    """That what rounds came to is of what the configuration said before, if it is so; otherwise nothing."""
+    place = _enriched_of(config)
+    if not place.is_file() or current(config) == place:
+        return ""
+    return f"note: {place.name} is of what {config.name} said before it was changed, and is not used"
+
+
 def _heading(config: Path) -> str:
-    digest = hashlib.sha256(config.read_bytes()).hexdigest()
-    return (
-        f"# What `ldsim make --error` came to; used in the place of {config.name} while that has the SHA-256 {digest}"
-    )
+    """Of the settings, not of the text: a comment changes nothing."""
+    digest = hashlib.sha256(load_settings(config).dump(defaults=False).encode()).hexdigest()
+    return f"# What `ldsim make --error` came to; used in the place of {config.name} while its settings are {digest}"

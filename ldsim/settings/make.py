@@ -47,6 +47,8 @@ AHEAD = "ldsim.dynamics.reduced.ahead"
 MISSED = 3
 # A note of a header: the files outside the run that it was made from.
 FILES = "files"
+# Settings that change how long a stage takes, and not what it writes.
+WITHOUT_EFFECT = ("threads",)
 LACKS_MEMORY = (
     ", as the system ends what takes too much memory; what was finished is kept — use a coarser mesh, fewer "
     "snapshot.workers or a machine with more memory"
@@ -136,7 +138,10 @@ class Staleness:
         return same or self._of_inputs(STAGES[-1], made.inputs, stale)
 
     def _of_settings(self, before: str, section: Options) -> str | None:
-        return None if before == section.dump() else f"{', '.join(changed_settings(before, section))} changed"
+        if before == section.dump():
+            return None
+        changed = [name for name in changed_settings(before, section) if name not in WITHOUT_EFFECT]
+        return f"{', '.join(changed)} changed" if changed else None
 
     def _of_inputs(self, stage: str, inputs: Mapping[str, str], stale: Set[str]) -> str | None:
         before = [kind for kind in inputs if kind in stale]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from ldsim.mesh.options import ShapeOptions
 from ldsim.mesh.shapes import shaped
 from ldsim.mesh.surface import surface_triangles
 from ldsim.options import Field, Options, Positive
+from ldsim.pipeline.files import relative_path
 from ldsim.pipeline.mesh import mesh
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -30,6 +30,8 @@ from ldsim.settings.experiment import settings_of
 
 SURFACES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 CELLS = 10_000
+# A share of the largest extent; less than this is rounding.
+THIN = 1e-6
 MODEL, POISSON = "stable_neo_hookean", 0.45
 
 TEMPLATE = """\
@@ -169,7 +171,7 @@ def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:
         vertices, triangles, lines = made.vertices, surface_triangles(made), [f"shape: {_flow(shape)}"]
         said = []
     else:
-        file, surface = os.path.relpath(source, place.parent), source.suffix.lower() in SURFACES
+        file, surface = relative_path(source, place.parent), source.suffix.lower() in SURFACES
         if surface:
             read = read_surface(source)
             vertices, triangles = read.vertices, read.faces.astype(np.int32)
@@ -178,7 +180,10 @@ def seen(source: Path | None, place: Path, options: NewOptions) -> Geometry:
             volume = read_mesh(source).mesh
             vertices, triangles = volume.vertices, surface_triangles(volume)
             lines = [f"file: {_quoted(file)}", "reorient: true"]
-        diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        extents = np.ptp(vertices, axis=0)
+        if extents.min() <= THIN * extents.max():
+            raise SettingsError(f"{source} is flat along {'xyz'[extents.argmin()]}; a solid is needed")
+        diagonal = float(np.linalg.norm(extents))
         unit = options.unit or derived.unit_of(diagonal, surface)
         scale = derived.METRES[unit]
         vertices = vertices * scale
@@ -254,7 +259,7 @@ def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
 
 
 def _name(stem: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip(".")[:100] or "solid"
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).lstrip(".-")[:100] or "solid"
 
 
 def _quoted(text: str) -> str:

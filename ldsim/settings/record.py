@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,6 +16,7 @@ from ldsim.mechanics.grabs import usual_grip
 from ldsim.mechanics.recording import read_recording
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.options import Field, Positive
+from ldsim.pipeline.files import relative_path
 from ldsim.pipeline.mesh import described_scene
 from ldsim.pipeline.options import MeshOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -116,7 +116,7 @@ def _write_configuration(place: Path | None, text: str, takes: Sequence[Path]) -
         return
     with replacing(place) as temporary:
         temporary.write_text(
-            with_recordings(text, [os.path.relpath(take, place.parent) for take in takes]), encoding="utf-8"
+            with_recordings(text, [relative_path(take, place.parent) for take in takes]), encoding="utf-8"
         )
 
 

@@ -346,7 +346,13 @@ class Simulator:
         """Take over what another simulator of the same solid does: shape, velocity, grabs, pins, gravity and material.
 
         A reduced space takes the nearest shape that it has.
+
+        Raises:
+            SolverError: it is of another solid.
         """
+        if other.scene.mesh.n_vertices != self.scene.mesh.n_vertices:
+            found, own = other.scene.mesh.n_vertices, self.scene.mesh.n_vertices
+            raise SolverError(f"a solid of {found} vertices cannot be followed by one of {own}")
         pins, frames = other._pins, (other.displacement(), other._stepper.displacement(other._before))
         state, scale = self._stepper.state(*frames, (pins, pins)), other._material_scale
         before = self._stepper.state(frames[1], frames[1], (pins, pins))
@@ -382,7 +388,7 @@ class Simulator:
         """Continue from a saved state of this run and space.
 
         Raises:
-            SolverError: it belongs to another space or model, is not finite, or is out of bounds.
+            SolverError: it is of another kind of space or of other coordinates, is not finite, or is out of bounds.
         """
         if type(saved.state) is not type(self._state):
             raise SolverError(f"the saved state is of another space than {self.space.name}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,12 +29,17 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class KeptPose:
-    """All that was there before a pull: the states of the spaces shown, what was held in them, and the time."""
+    """All that was there before a pull: the states of the spaces shown, what was held in them, and the time.
+
+    Attributes:
+        left: what was held by pages that have left since.
+    """
 
     simulators: Sequence[Simulator]
     states: Sequence[SavedState]
     held: dict[int, Held]
     seconds: float
+    left: list[Held] = field(default_factory=list)
 
 
 class Hands:
@@ -106,6 +111,12 @@ class Hands:
         """Drop the last pose kept: what it was kept for did not happen."""
         self._poses.pop()
 
+    def leave(self, client: int) -> None:
+        """A page has left: what it held in poses that are kept comes back with none of them."""
+        for pose in self._poses:
+            for key in [key for key, held in pose.held.items() if held.client == client]:
+                pose.left.append(pose.held.pop(key))
+
     def undo(self, shown: Sequence[Simulator]) -> float:
         """Back to the last pose kept; returns its time. Spaces that were not shown then take over from one that was.
 
@@ -121,6 +132,9 @@ class Hands:
         for simulator in shown:
             if simulator not in pose.simulators:
                 simulator.follow(pose.simulators[0])
+        for gone in pose.left:
+            for handle in gone.handles:
+                handle.release()
         self.held = pose.held
         self.carry_over(pose.simulators, shown)
         return pose.seconds

@@ -78,6 +78,7 @@ class Server:
 
     def __init__(self, session: Session, solid: bytes, port: int = 0, until_closed: bool = False) -> None:
         self._session, self._solid, self._port, self._until_closed = session, solid, port, until_closed
+        self._left = 0  # how often the last page has left
         self._token = secrets.token_urlsafe(24)
         self._clients: set[Client] = set()
         self._served = 0
@@ -208,10 +209,12 @@ class Server:
         if not self._clients:
             self._session.unwatch()
             if self._until_closed:
-                asyncio.get_running_loop().call_later(GRACE, self._end_if_alone)
+                self._left += 1
+                asyncio.get_running_loop().call_later(GRACE, self._end_if_alone, self._left)
 
-    def _end_if_alone(self) -> None:
-        if not self._clients:
+    def _end_if_alone(self, left: int) -> None:
+        """Unless somebody came, or came and left again, since the last page left."""
+        if not self._clients and left == self._left:
             self.end()
 
     def _send_frame(self, frame: bytes) -> None:

@@ -278,6 +278,7 @@ class Session:
     def _leave(self, client: int) -> None:
         for key in self.hands.of(client):
             self._release(key)
+        self.hands.leave(client)
 
     def _grab(self, client: int, message: protocol.GrabMessage) -> bool:
         """Returns whether this ended a motion that was played: a hand is stronger than it."""
@@ -381,6 +382,9 @@ class Session:
         if self.recorder is None:
             raise LdsimError("nothing is recorded here; `ldsim record` does")
         if value != self.recorder.recording:  # two pages may both have seen the button as it was
+            if value:  # the file holds neither, so it is of the solid as its configuration has it
+                x, y, z = self._shown[0].scene.gravity.tolist()
+                self.look.gravity, self.look.stiffness = (x, y, z), 1.0
             self._reset()
             self._audience.notice(self.recorder.record(value))
 

@@ -55,7 +55,8 @@ def test_numbers_that_are_no_material_are_refused_with_their_cell(change: dict[s
 @pytest.mark.parametrize("ratio", [-0.5, 0.0, 0.3, 0.49])
 def test_the_properties_of_a_scene_are_those_it_was_made_of(ratio: float) -> None:
     mesh = beam(resolution=1)
-    body = uniform_scene(mesh, mesh.vertices[:, 0] == 0, youngs_modulus=2e5, poisson_ratio=ratio, density=900.0)
+    numbers = {"youngs_modulus": 2e5, "poisson_ratio": ratio, "density": 900.0}
+    body = uniform_scene(mesh, mesh.vertices[:, 0] == 0, material="stable_neo_hookean", **numbers)
     found = properties_of(body)
     np.testing.assert_allclose(found.youngs_modulus, 2e5, rtol=1e-12)
     np.testing.assert_allclose(found.poisson_ratio, ratio, atol=1e-12)

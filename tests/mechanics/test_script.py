@@ -35,10 +35,11 @@ def test_frame_i_is_the_state_at_i_plus_one_steps() -> None:
 def test_a_grab_pulls_in_the_frames_between_its_first_and_last_keyframe() -> None:
     path = Path.of([(0.2, (0.0, 0, 0)), (0.6, (4.0, 0, 0))], False)
     drag = grab_along(path, (1, 2, 3), 0.1, 7.0, True, 0.1)
-    assert drag is not None
     assert (drag.start, drag.stop) == (1, 6)
     np.testing.assert_allclose(drag.targets[:, 0], [0, 1, 2, 3, 4], atol=1e-12)
-    assert grab_along(Path.of([(0.21, (0.0, 0, 0)), (0.29, (1.0, 0, 0))], False), (0, 0, 0), 1, 1, True, 0.1) is None
+    between = Path.of([(0.21, (0.0, 0, 0)), (0.29, (1.0, 0, 0))], False)
+    with pytest.raises(MotionError, match="a grab from 0.21 to 0.29 s holds no frame; they are 0.1 s apart"):
+        grab_along(between, (0, 0, 0), 1, 1, True, 0.1)
 
 
 def test_pins_turn_about_their_axis_through_their_centre() -> None:

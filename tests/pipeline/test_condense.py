@@ -16,7 +16,7 @@ from tests.helpers import scene
 
 def run_of(poisson_ratio: float = 0.4, k: int = 100) -> Any:
     """What is looked at of a run, with as many columns as one likes."""
-    body = scene(beam(resolution=1), poisson_ratio=poisson_ratio)
+    body = scene(beam(resolution=1), "stable_neo_hookean", poisson_ratio=poisson_ratio)
     return SimpleNamespace(
         scene=body,
         basis=SimpleNamespace(metric=body.mass, k=k),

@@ -15,7 +15,7 @@ from ldsim.errors import SettingsError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import Settings, load_settings, settings_of
-from ldsim.settings.enrich import MOST, current, enrich, extended, planned, write_enriched
+from ldsim.settings.enrich import MOST, current, enrich, extended, passed_over, planned, write_enriched
 from ldsim.settings.make import StageFailed
 
 CONTENT = {
@@ -127,8 +127,11 @@ def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_pa
     place = write_enriched(config, more)
     assert place == tmp_path / "part.enriched.yaml" == current(config)
     assert load_settings(place) == more
-    config.write_text(f"{config.read_text('utf-8')}# another comment\n", encoding="utf-8")
-    assert current(config) == config
+    text = config.read_text("utf-8")
+    config.write_text(f"{text}# another comment\n", encoding="utf-8")
+    assert current(config) == place and passed_over(config) == ""
+    config.write_text(text.replace("thickness: 0.01", "thickness: 0.02"), encoding="utf-8")
+    assert current(config) == config and "is not used" in passed_over(config)
     place.write_bytes(b"\xff\n")
     assert current(config) == config
     config.unlink()

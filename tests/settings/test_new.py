@@ -93,6 +93,7 @@ def a_solid(**changes: object) -> Solid:
         "frequencies": np.array([5.0, 6.0, 20.0, 31.0, 33.0, 90.0]),
         "softness": np.array([0.001, 0.01, 0.02]),
         "strain": np.array([4.0, 5.0, 50.0]),
+        "held": np.array([0.01, 0.02, 0.02]),
     }
     return Solid(**given | changes)  # type: ignore[arg-type]
 

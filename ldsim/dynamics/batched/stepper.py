@@ -349,7 +349,9 @@ class _Step(torch.autograd.Function):
         y = stepper.adjoint(z, predictor, loads, gradient)
         y = torch.where(lost[:, None], 0.0, y)
         with torch.enable_grad():
-            inputs = [value.detach().requires_grad_(need) for value, need in zip(saved, wanted, strict=True)]
+            # 0 times what is not a number, as loads of a lost instance may be, is none
+            kept = [torch.where(lost.reshape(-1, *[1] * (value.dim() - 1)), 0.0, value) for value in saved]
+            inputs = [value.detach().requires_grad_(need) for value, need in zip(kept, wanted, strict=True)]
             q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
             work = stepper.model.virtual_work(BatchedLoads._make([*inputs[1:], None]), inputs[0], q, y)
             found = iter(torch.autograd.grad(-work, [value for value in inputs if value.requires_grad]))

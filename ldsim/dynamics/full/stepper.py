@@ -109,7 +109,7 @@ class FullStepper:
     def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
         """Advance by one time step; the returned state is new, the given one unchanged."""
         hessian, options, deadline = self._hessian(), self.options, time.perf_counter() + self.seconds
-        u_factor, fresh, excess = state.u_factor, state.fresh_iterations, state.excess
+        u_factor, fresh, excess, midway = state.u_factor, state.fresh_iterations, state.excess, False
         if excess > options.factor_cost:
             u_factor, fresh, excess = state.u, -1, 0
         predictor = None if options.quasistatic else 2 * state.u - state.u_previous
@@ -121,10 +121,10 @@ class FullStepper:
         hessian.prepare(x.reshape(-1, 3), loads.grabs)
 
         def refactorise(trial: Array, iteration: int) -> bool:
-            nonlocal u_factor, fresh
+            nonlocal u_factor, midway
             if iteration == 0 or (iteration % options.factor_cost and not self._newton):
                 return False
-            u_factor, fresh = trial.reshape(-1, 3).copy(), -1
+            u_factor, midway = trial.reshape(-1, 3).copy(), True
             hessian.factorise(u_factor)
             hessian.prepare(u_factor, loads.grabs)
             return True
@@ -139,7 +139,9 @@ class FullStepper:
             refresh=refactorise,
             deadline=deadline,
         )
-        if fresh < 0:
+        if midway:  # this step began with an older factor, so the next one is the first
+            fresh, excess = -1, 0
+        elif fresh < 0:
             fresh, excess = solution.iterations, 0
         else:
             excess += max(solution.iterations - fresh, 0)
@@ -155,8 +157,9 @@ class FullStepper:
         return state.u.ravel()
 
     def within(self, state: FullState, limit: float) -> bool:
-        """Whether the mass-weighted root mean square of u is at most so many metres."""
-        return bool(np.vdot(state.u, self.scene.mass @ state.u) <= limit**2 * self._total_mass)
+        """Whether the mass-weighted root mean square of u, beside how far the pins went, is at most so many metres."""
+        u = state.u - state.u[self.scene.pinned].mean(axis=0)
+        return bool(np.vdot(u, self.scene.mass @ u) <= limit**2 * self._total_mass)
 
     def stiffened(self, scale: float) -> FullStepper:
         """The same steps with the Lamé parameters of the scene times a positive number."""
@@ -169,9 +172,12 @@ class FullStepper:
         """How many were made in this thread."""
         return self._hessian().factorisations
 
-    def worst_cell(self, state: FullState) -> str:
-        """The most inverted cell of a state and what may help, in words."""
+    def gone_wrong(self, state: FullState) -> str:
+        """What is wrong with a state, the most inverted cell if there is one, and what may help, in words."""
         point, J = smallest_volume_ratio(self.scene.elements, state.u)
+        if J > 0:
+            far = np.linalg.norm(state.u - state.u[self.scene.pinned].mean(axis=0), axis=1).max()
+            return f"the solid has left its pins by {far:.3g} m; use weaker loads, or a stiffer material"
         cell = int(self.scene.points.cells[point])
         centre = self.scene.mesh.vertices[self.scene.mesh.cells[cell]].mean(axis=0)
         return (
@@ -206,10 +212,10 @@ def none_lost(stepper: FullStepper, frames: Iterator[Frame[FullState]]) -> Itera
     """The frames of a run.
 
     Raises:
-        SolverError: one is lost, because a cell is inverted; naming frame and cell, and what may help.
+        SolverError: one is lost, mostly because a cell is inverted; naming the frame, and what may help.
     """
     for frame in frames:
         if frame.lost:
             reason = frame.solution.reason.words
-            raise SolverError(f"frame {frame.number}: {reason}; {stepper.worst_cell(frame.state)}")
+            raise SolverError(f"frame {frame.number}: {reason}; {stepper.gone_wrong(frame.state)}")
         yield frame
