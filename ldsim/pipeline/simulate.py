@@ -14,7 +14,7 @@ from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
 from ldsim.optimise.solution import failures
-from ldsim.pipeline.choice_of_space import chosen_space, judging, standings
+from ldsim.pipeline.choice_of_space import LATENT, chosen_space, judging, standings
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion, residuals
 from ldsim.pipeline.options import SimulateOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
@@ -74,7 +74,8 @@ def simulate(
     run.written("simulation")
     if options.statement is not None and fresh:
         said = bound(fresh["latent"], options.statement.quantile, options.statement.confidence)
-        progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE])))
+        named = "" if notes["space"] == LATENT else LATENT
+        progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE]), named))
     for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
         progress.tell(f"warning: {warning}")
     return runs

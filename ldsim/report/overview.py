@@ -9,6 +9,7 @@ from pathlib import Path
 from ldsim.artefacts.store import STAGE_OF, file_hash
 from ldsim.errors import ArtefactError
 from ldsim.report.schema import RunNumbers, check_report
+from ldsim.report.verdict import states
 from ldsim.run import REDUCED
 
 PAGE, NUMBERS = Path("report") / "report.html", Path("report") / "report.json"
@@ -158,7 +159,7 @@ def _row(folder: Path) -> tuple[str, ...]:
         return folder.name, state(folder), "", "", "", "", "", changed
     run = numbers.headline()
     error = run.online_error if run else None
-    if numbers.statement is not None and numbers.space in REDUCED:
+    if states(numbers.statement) and numbers.space in REDUCED:
         error = numbers.statement[numbers.space].error
     percent = "" if error is None else f"{100 * error:.2g} %"
     step = f"{1000 * run.median_step_ms:.2g} µs" if run and run.median_step_ms is not None else ""

@@ -182,19 +182,22 @@ def _forces(facts: Facts) -> str | None:
     """Off on training motions whose poses it holds: what is wrong is the forces."""
     if facts.bad(training=True) is None or facts.poor("autoencoder"):
         return None
-    options, condensed = facts.cubature, facts.train.condensed
     if facts.condensed:
+        condensed = facts.train.condensed
         turns = [facts.wider] if facts.wider else []
         sizes = {"points": condensed.points, "features": condensed.features}
         turns += [f"train.condensed.{name} to {2 * n} (now {n})" for name, n in sizes.items() if n]
         return f"It is off on motions that it learned from: set {' and '.join(turns)}; {facts.cost('train')}."
-    rule, virtual = facts.numbers.cubature.latent, options.virtual.points
+    return f"The forces are wrong, not the shapes: set {_more_points(facts)}; {facts.cost('cubature')}."
+
+
+def _more_points(facts: Facts) -> str:
+    """A closer rule of an autoencoder, as settings: virtual points, where there are some, are stepped."""
+    rule, options = facts.numbers.cubature.latent, facts.cubature
     if rule is not None and rule.virtual is not None:
-        turn = f"cubature.virtual.points to {2 * virtual} (now {virtual})"
-    else:
-        turn = f"cubature.tolerance to {options.tolerance / 2:.2g} (now {options.tolerance:g}) and cubature.max_points "
-        turn += f"to {2 * options.max_points}"
-    return f"The forces are wrong, not the shapes: set {turn}; {facts.cost('cubature')}."
+        return f"cubature.virtual.points to {2 * options.virtual.points} (now {options.virtual.points})"
+    closer = f"cubature.tolerance to {options.tolerance / 2:.2g} (now {options.tolerance:g})"
+    return f"{closer} and cubature.max_points to {2 * options.max_points}"
 
 
 def _missed_cubature(facts: Facts) -> str | None:
@@ -216,7 +219,7 @@ def _diverged(facts: Facts) -> str | None:
         rounds = facts.train.condensed.rounds
         stage, turn = "train", f"train.condensed.rounds to {rounds + 2} (now {rounds})"
     else:
-        stage, turn = "cubature", f"cubature.tolerance to {facts.cubature.tolerance / 2:.2g}"
+        stage, turn = "cubature", _more_points(facts)
     now = ", ".join(facts.materials)
     finite = "" if now == FINITE else f"mesh.material.model to {FINITE} (now {now}), which stays finite, or "
     return (

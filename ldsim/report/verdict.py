@@ -26,10 +26,10 @@ def verdict(report: RunNumbers) -> Verdict:
         why = f"{told} was lost in {stated[report.space].lost} of {stated.motions} fresh motions."
         return Verdict(word="do not use", why=why)
     if error is None:
-        # without an error it was lost, if there was anything to be judged by
-        lost = bool(runs) and any(run.online_error is not None for run in report.frontier)
-        if report.space == "latent":
-            lost = any(run.diverged for run in report.simulate.latent)
+        own = report.simulate[report.space] if report.space in ("latent", "linear") else []
+        lost = any(run.diverged for run in own)
+        if report.space != "latent":  # without an error it was lost, if there was anything to be judged by
+            lost |= bool(runs) and any(run.online_error is not None for run in report.frontier)
         return Verdict(
             word="do not use" if lost else "not judged",
             why=f"{told} {'was lost' if lost else 'has no full-space run to be judged by'}.",

@@ -129,12 +129,12 @@ class Hands:
         for simulator, state in zip(pose.simulators, pose.states, strict=True):
             simulator.restore(state)
         self._poses.pop()
+        for gone in pose.left:  # before others take over what is held
+            for handle in gone.handles:
+                handle.release()
         for simulator in shown:
             if simulator not in pose.simulators:
                 simulator.follow(pose.simulators[0])
-        for gone in pose.left:
-            for handle in gone.handles:
-                handle.release()
         self.held = pose.held
         self.carry_over(pose.simulators, shown)
         return pose.seconds

@@ -11,9 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from ldsim.cli.app import main
-from ldsim.report.overview import missed
+from ldsim.report.overview import listed, missed
 from tests.cli.experiments import WRITES, Experiment, refused
 from tests.helpers import changed
+from tests.report.example_report import example_report
 
 
 def said(*arguments: str) -> list[str]:
@@ -102,3 +103,29 @@ def test_who_asked_for_less_is_told_what_helps(
     (words,) = missed(experiment.run, 1.0)
     assert words.startswith("the stated error is 3 %, asked were 1 %") and words.endswith(turn)
     assert missed(experiment.run, 3.0) == []
+
+
+def write_report(folder: Path, **changes: object) -> None:
+    (folder / "report").mkdir(parents=True)
+    (folder / "scene.h5").touch()
+    (folder / "report" / "report.json").write_text(json.dumps(example_report() | changes), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("kind", "points"), [("autoencoder", "cubature.virtual.points"), ("condensed", "train.condensed.points")]
+)
+def test_who_asked_for_faster_steps_is_told_which_points_the_latent_space_is_stepped_with(
+    kind: str, points: str, tmp_path: Path
+) -> None:
+    write_report(tmp_path, kind=kind)
+    (words,) = missed(tmp_path, microseconds=100.0)
+    assert words == f"a step takes 243 µs, asked were 100; fewer of train.hidden, {points} and train.r make it faster"
+    assert missed(tmp_path, microseconds=250.0) == []
+
+
+def test_the_list_tells_the_error_that_the_verdict_rests_on(tmp_path: Path) -> None:
+    statement = example_report()["statement"]
+    write_report(tmp_path / "most")
+    write_report(tmp_path / "few", statement=statement | {"motions": 1, "quantile": 0.05})
+    found = {row.split()[0]: row for row in listed(tmp_path)[1:]}
+    assert " 4.6 % " in found["most"] and " 33 % " in found["few"]

@@ -16,11 +16,14 @@ from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz
 from ldsim.export.formats import FORMATS
 from ldsim.export.paraview import write_vtu_series, write_xdmf
 from ldsim.export.playback import Playback, playback
+from ldsim.mechanics.options import MaterialChangeOptions
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.surface import Surface
+from ldsim.pipeline.options import SimulateOptions
 from ldsim.run import Run
 from ldsim.simulator.fields import FIELDS, VertexField
 from tests.helpers import scene
+from tests.report.small_run import changed
 
 Array = NDArray[np.float64]
 SPACES = ["full", "linear", "latent"]
@@ -58,6 +61,18 @@ def test_a_vtu_series_gives_back_cells_positions_displacements_and_times(run: Ru
 def at_vertices(played: Playback, field: str, u: Array) -> Array:
     """A field by the simulator's own class, which is held to a slow loop elsewhere."""
     return VertexField(played.scene, np.arange(played.mesh.n_vertices))(field, u)
+
+
+def test_a_run_with_another_material_is_exported_with_the_stress_of_that_material(run: Run, tmp_path: Path) -> None:
+    own = playback(run, "pull_1", "linear")
+    options = SimulateOptions(material=MaterialChangeOptions(youngs_factor=3.0))
+    changed(run, "simulation", settings=options.dump())
+    played, u = playback(run, "pull_1", "linear"), own.displacement(0)
+    write_vtu_series(played, tmp_path)
+    read = meshio.read(min(tmp_path.rglob("*.vtu")))
+    np.testing.assert_array_equal(played.displacement(0), u)
+    np.testing.assert_allclose(read.point_data["stress"], 3 * at_vertices(own, "stress", u), rtol=1e-5)
+    assert playback(run, "pull_1", "full").scene is run.scene  # which ran before, with its own
 
 
 def xdmf_data(element: ElementTree.Element, path: Path) -> NDArray[np.generic]:

@@ -7,6 +7,7 @@ import shutil
 import struct
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,17 @@ def test_playing_the_morph_targets_gives_the_deformed_surface(run: Run, space: s
         morphed = rest + np.einsum("j,jvi->vi", w, targets)
         expected = (played.mesh.vertices + played.displacement(frame))[surface.vertices]
         np.testing.assert_allclose(morphed, expected, atol=4 * np.finfo(np.float32).eps * played.mesh.diagonal)
+
+
+def test_columns_that_move_nothing_are_no_morph_targets(run: Run, tmp_path: Path) -> None:
+    """As those of a condensed space's features are."""
+    played = playback(run, "pull_1", "linear")
+    assert played.U is not None and played.coordinates is not None
+    U, q = np.insert(played.U, 1, 0.0, axis=1), np.insert(played.coordinates, 1, 7.0, axis=1)
+    for beside in (None, played.displacement):
+        write_glb(replace(played, beside=beside), tmp_path / "a.glb")
+        write_glb(replace(played, U=U, coordinates=q, beside=beside), tmp_path / "b.glb")
+        assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
 
 
 def test_the_morphed_normals_are_those_of_the_deformed_surface_to_first_order(run: Run) -> None:

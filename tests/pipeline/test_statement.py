@@ -102,6 +102,19 @@ def test_the_sentence_says_what_holds_of_what_and_how_surely() -> None:
         assert words in said
 
 
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (0.0463, "stay within 4.63 % of the full space in the latent space (with 95 % confidence"),
+        (math.inf, "Nothing can be said of 95 % of motions like these in the latent space: too many"),
+    ],
+)
+def test_the_sentence_names_the_space_where_another_one_is_used(error: float, words: str) -> None:
+    found = Bound(0.95, 0.95, error, 59)
+    assert words in sentence(found, "pulls", space="latent")
+    assert "space" not in sentence(found, "pulls").replace("full space", "")
+
+
 def test_motions_that_judged_an_earlier_model_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who trains until they are content has looked at them."""
     run = made(tmp_path)

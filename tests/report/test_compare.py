@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from ldsim.errors import ArtefactError
-from ldsim.report.compare import Reported, comparison, comparison_page, read_runs, record
+from ldsim.errors import ArtefactError, ExportError
+from ldsim.report.compare import Reported, compare, comparison, comparison_page, read_runs, record
 from ldsim.report.compare_figures import comparison_figures
 from ldsim.report.schema import RunNumbers
 from tests.report.example_report import example_report
@@ -203,3 +203,21 @@ def test_bad_runs_are_named_with_what_to_do(tmp_path):
         with pytest.raises(ArtefactError) as caught:
             read_runs([good, folder])
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ['{"warnings": []}', "[]", "{", "[" * 10**5])
+def test_a_comparison_replaces_no_other_json(tmp_path, content):
+    (tmp_path / "a.json").write_text(content, encoding="utf-8")
+    with pytest.raises(ExportError, match=r"a\.json, which its numbers would replace, is no comparison; give another"):
+        compare([write(tmp_path / "run")], tmp_path / "a.html")
+    assert (tmp_path / "a.json").read_text("utf-8") == content and not (tmp_path / "a.html").exists()
+
+
+def test_a_comparison_replaces_an_earlier_one_and_not_the_numbers_of_a_run(tmp_path):
+    a, b = write(tmp_path / "a"), write(tmp_path / "b", experiment="beam")
+    for runs in ([a], [a, b]):
+        compare(runs, tmp_path / "a.html")
+        assert len(json.loads((tmp_path / "a.json").read_text("utf-8"))["runs"]) == len(runs)
+    with pytest.raises(ExportError, match=r"report\.json, which its numbers would replace"):
+        compare([a, b], a / "report" / "report.html")
+    assert read_runs([a])[0].report == run_of("x").report

@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from ldsim.report.figure import MAX_POINTS, Axis, Figure, Guide, Series, curve, thinned
-from ldsim.report.figures import draw_figures
+from ldsim.report.figures import draw_figures, training_history
 from ldsim.report.numbers import collect, pooled_seconds
 from ldsim.report.options import ReportOptions
 from ldsim.report.svg import INK, PALETTE, drawn
@@ -191,6 +191,42 @@ def test_the_novelty_stands_beside_the_true_error(run):
     assert numbers.rank_correlation_remembered == numbers.rank_correlation_time == pytest.approx(clock)
     assert numbers.rank_correlation == pytest.approx(-clock)
     assert "novelty_push" not in draw_figures(run, 0.06)
+
+
+def test_the_fit_of_a_condensed_space_is_not_told_in_epochs_and_its_second_curve_is_the_force_error(run):
+    columns = np.zeros((3 * run.scene.mesh.n_vertices, K))
+    with Run(run.folder, run.experiment) as other:
+        figure = training_history(changed(other, "model", replace(run.model, columns=columns)))
+    assert figure.x.label == "share of the steps, %" and "force error" in figure.y.label
+    fit, force = figure.series
+    assert force.name == "force, poses kept back"
+    np.testing.assert_allclose(fit.x, 100 * np.arange(1, 9) / 8)
+    np.testing.assert_allclose([fit.y, force.y], run.model.loss.T, rtol=1e-6)
+    assert [one.name for one in training_history(run).series] == ["training", "validation"]
+
+
+def test_a_figure_in_which_nothing_can_be_drawn_is_left_out(run):
+    with Run(run.folder, run.experiment) as other:
+        figures = draw_figures(changed(other, "model", replace(run.model, loss=np.zeros((8, 2)))), 0.06)
+    assert set(figures) == set(draw_figures(run, 0.06)) - {"training"}
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "right", "shown"),
+    [
+        (Axis(), Axis(), None, True),
+        (Axis(log=True), Axis(), None, False),
+        (Axis(), Axis(log=True), None, False),
+        (Axis(), Axis(), Axis(log=True), False),
+        (Axis(), Axis(log=True), Axis(), True),
+    ],
+)
+def test_a_logarithm_shows_no_zero_on_whichever_axis(x, y, right, shown):
+    zero = Series("zero", "latent", (0.0,), (0.0,), right=right is not None)
+    figure = Figure("Zero", x, y, (zero,), right=right)
+    assert figure.shows_something == shown
+    assert replace(figure, series=(zero, replace(zero, x=(1.0,), y=(1.0,)))).shows_something
+    assert not replace(figure, series=()).shows_something
 
 
 def test_a_run_that_diverged_ends_its_curve_and_not_the_figure():

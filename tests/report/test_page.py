@@ -168,6 +168,22 @@ def test_a_space_that_is_slower_is_said_to_take_longer(ratio: float, words: str)
     assert words in "".join(Outline(page_of(report)).texts).replace("\n", " ")
 
 
+def test_where_the_latent_space_was_lost_no_linear_one_is_told_to_be_worse() -> None:
+    report = example_report()
+    report["speedup"] |= {"latent_over_linear_equal_error": None, "latent_error": None}
+    page = page_of(report)
+    assert "is as good" not in page and "no number: the latent space was lost, or nothing was judged" in page
+    report["speedup"]["latent_error"] = 0.1
+    assert "no number: no linear space that was stepped is as good" in page_of(report)
+
+
+@pytest.mark.parametrize(("kind", "told"), [("autoencoder", False), ("condensed", True)])
+def test_what_pulls_and_weight_move_beside_the_coordinates_is_told_to_be_left_out(kind: str, told: bool) -> None:
+    page = page_of(example_report() | {"kind": kind})
+    assert ("The condensed space is shown without what pulls and weight move" in page) == told
+    assert ("What a space cannot hold, it cannot" in page) != told
+
+
 def test_a_run_that_simulated_nothing_still_has_a_page():
     report = example_report()
     report["simulate"] = {"full": [], "linear": [], "latent": []}

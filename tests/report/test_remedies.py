@@ -10,6 +10,7 @@ import pytest
 
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
+from ldsim.mechanics.options import PullOptions
 from ldsim.report.remedies import Facts, remedies
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import Settings
@@ -36,11 +37,15 @@ CHAIN = ("mesh", "snapshot", "pca", "train", "cubature", "simulate", "report")
 
 
 def facts(
-    report: Report, train: TrainOptions | None = None, loss: object = None, material: str = "neo_hookean"
+    report: Report,
+    train: TrainOptions | None = None,
+    loss: object = None,
+    material: str = "neo_hookean",
+    pca: PcaOptions = PcaOptions(),
 ) -> Facts:
     losses = np.full((100, 2), 0.01) if loss is None else np.asarray(loss, dtype=np.float64)
     numbers = RunNumbers.model_validate(report)
-    return Facts(numbers, [material], 0.01, PcaOptions(), train or TrainOptions(), CubatureOptions(), losses)
+    return Facts(numbers, [material], 0.01, pca, train or TrainOptions(), CubatureOptions(), losses)
 
 
 def test_where_all_is_well_there_is_no_advice() -> None:
@@ -85,23 +90,27 @@ def few_points(report: Report) -> None:
     report["cubature"]["latent"] |= {"virtual": None, "relative_error": {"fitted": 0.2, "kept_back": 0.3}}
 
 
+def on_mesh(report: Report) -> None:
+    report["cubature"]["latent"]["virtual"] = None
+
+
 CONDENSED = TrainOptions(kind="condensed")
 FALLING = np.linspace(1, 0.1, 100)[:, None] * [1, 1]
 ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, object, str, str]] = {
     "basis": ([poor("pca_k", "autoencoder")], None, None, "pca.k", "set pca.k to 90 (now 60)"),
     "latent size": ([poor("autoencoder")], None, None, "train.r", "set train.r to 14 (now 10)"),
     "epochs": ([poor("autoencoder")], None, FALLING, "train.epochs", "set train.epochs to 800 (now 400)"),
-    "condensed size": ([poor("autoencoder")], CONDENSED, FALLING, "train.r", "or train.r to 14 (now 10)"),
-    "condensed basis": ([poor("autoencoder", "pca_k")], CONDENSED, None, "train.hidden", "to [128, 128] (now [100, 1"),
     "motions": ([error("test", 0.4, 0.3)], None, None, "snapshot.motions", "as many pulls again take 2 min"),
     "rounds": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
     "stated": ([stated], CONDENSED, None, "train.hidden", "set train.hidden to [128, 128] (now [100, 100]), then"),
     "rounds ended": ([stated, rounds_ended], CONDENSED, None, "--minutes", "its longest round took 7 min"),
-    "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.tolerance", "tolerance to 0.018 (now 0.035)"),
+    "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.virtual.points", "points to 48 (now 24)"),
+    "forces on the mesh": ([error("train", 0.4, 0.3), on_mesh], None, None, "cubature.tolerance", "0.018 (now 0.035)"),
     "condensed forces": ([error("train", 0.4, 0.3)], CONDENSED, None, "train.condensed.points", "points to 48 (now"),
     "points": ([few_points], None, None, "cubature.max_points", "set cubature.max_points to 300 (now 150)"),
     "by heart": ([], None, [[0.01, 0.5]] * 100, "train.hidden", "set train.hidden to [50, 50] (now [100, 100])"),
-    "lost": ([lost], None, None, "cubature.tolerance", "The latent run of x_2 was lost"),
+    "lost": ([lost], None, None, "cubature.virtual.points", "The latent run of x_2 was lost"),
+    "lost on the mesh": ([lost, on_mesh], None, None, "cubature.tolerance", "The latent run of x_2 was lost"),
     "lost while it is stepped": ([lost], None, None, "mesh.time_step", "to 0.005 (now 0.01); mesh and what"),
     "condensed lost": ([lost], CONDENSED, None, "train.condensed.rounds", "The latent run of x_2 was lost"),
     "drift": ([error("test", 0.4, 0.05)], None, None, "drift", "it is 5.00 %"),
@@ -124,9 +133,36 @@ def test_what_is_set_already_is_not_advised() -> None:
     lost(report)
     assert "mesh.material.model to stable_neo_hookean (now neo_hookean)" in remedies(facts(report))[0]
     assert "mesh.material.model" not in remedies(facts(report, material="stable_neo_hookean"))[0]
+    report = good()
+    error("test", 0.4, 0.3)(report)
+    assert "pca.synthetic" in remedies(facts(report))[0]
+    pulls = PcaOptions(synthetic=PullOptions(count=1, reach=0.1))
+    assert "add a motion of role train" in remedies(facts(report, pca=pulls))[0]
+    assert "pca.synthetic" not in remedies(facts(report, pca=pulls))[0]
+
+
+def test_a_condensed_run_is_never_told_that_it_does_not_hold_the_training_poses() -> None:
+    """They are told without what pulls and weight move beside its coordinates, which it has."""
+    report = good()
     poor("autoencoder", "pca_k")(report)
-    report["dims"] |= {"r": 10, "kp": 10}
-    assert not any("train.r" in text or "pca.k" in text for text in remedies(facts(report, CONDENSED)))
+    assert remedies(facts(report)) and remedies(facts(report, CONDENSED)) == []
+    error("train", 0.4, 0.3)(report)
+    (found,) = remedies(facts(report, CONDENSED))
+    assert found.startswith("It is off on motions that it learned from: set train.hidden to [128, 128]")
+
+
+def test_where_virtual_points_are_stepped_no_rule_on_the_mesh_is_advised() -> None:
+    report = good()
+    error("train", 0.4, 0.3)(report)
+    lost(report)
+    assert not any("cubature.tolerance" in text or "max_points" in text for text in remedies(facts(report)))
+
+
+def test_a_run_that_was_lost_is_not_called_drift() -> None:
+    report = good()
+    report["simulate"]["latent"][1] |= {"diverged": True}
+    report["simulate"]["latent"][1]["online_error"] |= {"relative": None, "windowed": 0.05}
+    assert not any("drift" in text for text in remedies(facts(report)))
 
 
 def test_costs_are_those_that_the_stages_took() -> None:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ldsim.mechanics.options import PullOptions
 from ldsim.optimise.solution import Reason
-from ldsim.pipeline.options import SimulateOptions
+from ldsim.pipeline.options import SimulateOptions, StatementOptions
 from ldsim.report import pictures as pictures_module
 from ldsim.report.frontier import advice
 from ldsim.report.numbers import collect
@@ -329,6 +330,29 @@ def test_a_space_that_was_asked_for_is_not_called_the_fastest(folder):
         assert "Chosen" not in advice(asked)[0]
 
 
+def test_where_every_space_diverged_none_is_to_be_used(folder):
+    with finished_run(folder) as run:
+        lost = {
+            space: {name: replace(each, reason=0 * each.reason + Reason.INFINITE_START) for name, each in own.items()}
+            for space, own in run.simulation.items()
+        }
+        asked = SimulateOptions(space="linear").dump()
+        for settings in ("", asked):
+            (said,) = advice(changed(run, "simulation", lost, settings, space="linear" if settings else "latent"))
+            assert said == "Every space diverged on the validation motions, so none is to be used."
+
+
+@pytest.mark.parametrize(("space", "named"), [("latent", False), ("linear", True)])
+def test_the_statement_is_of_the_latent_space_and_says_so_where_another_is_used(folder, monkeypatch, space, named):
+    fresh = {name: np.linspace(0.01, 0.04, 59) for name in REDUCED}
+    monkeypatch.setattr(Run, "fresh_errors", fresh)
+    options = SimulateOptions(space=space, statement=StatementOptions(pulls=PullOptions(count=1, reach=0.1)))
+    with finished_run(folder) as run:
+        found = collect(changed(run, "simulation", settings=options.dump(), space=space), ReportOptions(), COST)
+    assert ("4 % of the full space in the latent space (" in found.statement.sentence) == named
+    assert ("4 % of the full space (" in found.statement.sentence) != named
+
+
 @pytest.mark.parametrize(
     ("error", "word"), [(0.09, "good"), (0.29, "usable"), (0.31, "do not use"), (None, "do not use")]
 )
@@ -350,9 +374,36 @@ def test_a_linear_space_that_nothing_was_compared_with_is_not_called_lost():
     assert verdict(RunNumbers.model_validate(report)).word == "do not use"
 
 
+@pytest.mark.parametrize(("lost", "word"), [("latent", "not judged"), ("linear", "do not use")])
+def test_a_linear_space_is_called_lost_where_it_was_and_not_where_the_latent_one_was(lost, word):
+    report = example_report() | {"statement": None, "space": "linear"}
+    for run in report["frontier"]:
+        run |= {"space": "linear", "online_error": None}
+    report["simulate"][lost][-1]["diverged"] = True
+    assert verdict(RunNumbers.model_validate(report)).word == word
+
+
 def test_a_statement_is_the_verdict_where_there_is_one():
     assert verdict(RunNumbers.model_validate(example_report())).why.startswith(
         "the latent space of 10 numbers stays within 4.63 %"
+    )
+
+
+def test_a_statement_of_a_small_share_of_motions_is_not_what_the_verdict_rests_on():
+    report = example_report()
+    report["statement"] |= {"motions": 1, "quantile": 0.05}
+    found = verdict(RunNumbers.model_validate(report))
+    assert (
+        found.word == "do not use" and "stays within 33.1 % of the mean displacement on the test motions" in found.why
+    )
+
+
+def test_a_verdict_by_the_statement_names_the_share_of_motions_and_the_confidence_unrounded():
+    report = example_report()
+    report["statement"] |= {"quantile": 0.995, "confidence": 0.996}
+    assert (
+        "within 4.63 % of how far they move it in 99.5 % of fresh motions (99.6 % confidence)"
+        in verdict(RunNumbers.model_validate(report)).why
     )
 
 

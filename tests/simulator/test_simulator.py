@@ -18,7 +18,7 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
 from reproduction.bench.soak import soak
 from tests.helpers import reduced_space
-from tests.simulator.playable import curved_decoder, modes
+from tests.simulator.playable import curved_decoder, modes, solid
 from tests.simulator.reluctant import ENDINGS, Reluctant
 from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced, unit_basis
 
@@ -219,10 +219,12 @@ def test_the_surface_is_closed_and_looks_outward() -> None:
     np.testing.assert_array_equal(surface.rest, BODY.mesh.vertices[surface.vertices])
 
 
-def test_the_full_stepper_tells_how_far_the_solid_is() -> None:
-    stepper = FullStepper(BODY)
-    state = replace(stepper.rest(), u=np.full((BODY.mesh.n_vertices, 3), 0.1))
-    assert stepper.within(state, np.sqrt(0.03) * (1 + 1e-12)) and not stepper.within(state, np.sqrt(0.03) * (1 - 1e-12))
+def test_the_full_stepper_tells_how_far_the_solid_is_from_where_its_pins_have_come_to() -> None:
+    """Sheared and carried far away: of s x the root mean square over 0 ≤ x ≤ L is s L/√3."""
+    stepper, x = FullStepper(BODY), BODY.mesh.vertices[:, 0] - BODY.mesh.vertices[:, 0].min()
+    state = replace(stepper.rest(), u=np.outer(x, [0.0, 0.3, 0.4]) + [7.0, -5.0, 3.0])
+    far = 0.5 * x.max() / np.sqrt(3)
+    assert stepper.within(state, far * (1 + 1e-9)) and not stepper.within(state, far * (1 - 1e-9))
     assert not stepper.within(replace(state, u=state.u * np.nan), np.inf)
 
 
@@ -266,3 +268,13 @@ def test_following_takes_over_shape_velocity_and_grabs() -> None:
         second.step(3)
         assert second.time == first.time
         np.testing.assert_allclose(second.displacement(), first.displacement(), atol=1e-7)
+
+
+@kinds
+def test_what_another_solid_does_is_not_followed(kind: int) -> None:
+    simulator, other = every_kind()[kind], full_simulator(solid(2))
+    simulator.step()
+    before = simulator.displacement()
+    with pytest.raises(SolverError, match="^a solid of 54 vertices cannot be followed by one of 12$"):
+        simulator.follow(other)
+    np.testing.assert_array_equal(simulator.displacement(), before)

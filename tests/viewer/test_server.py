@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
 import socket
@@ -10,8 +11,10 @@ import time
 import urllib.error
 import urllib.request
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,7 +27,7 @@ from ldsim.simulator import load
 from ldsim.viewer.payload import FRAME
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
-from ldsim.viewer.server import Server, ServerError, hosts_at
+from ldsim.viewer.server import Client, Server, ServerError, hosts_at
 from ldsim.viewer.serving import serve
 from tests.simulator.playable import K, solid
 from tests.viewer.served import joined, origin, served
@@ -273,6 +276,21 @@ def test_a_server_until_closed_ends_by_itself(playable: Path) -> None:
         while not server._ended.is_set():
             assert time.monotonic() < end
             time.sleep(0.1)
+
+
+def test_the_grace_begins_anew_when_a_page_came_and_left_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    session: Any = SimpleNamespace(tell=lambda *_: True, unwatch=lambda: None)
+    server, ends = Server(session, b"", until_closed=True), list[Callable[[], None]]()
+    loop = SimpleNamespace(call_later=lambda _, call, *given: ends.append(partial(call, *given)))
+    monkeypatch.setattr(asyncio, "get_running_loop", lambda: loop)
+    for number in (1, 2):
+        server._clients.add(page := Client(number))
+        server._leave(page)
+    first, second = ends
+    first()
+    assert not server._ended.is_set()
+    second()
+    assert server._ended.is_set()
 
 
 def test_a_browser_in_the_foreground_gets_its_page(playable: Path, monkeypatch: pytest.MonkeyPatch) -> None:

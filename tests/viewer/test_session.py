@@ -180,6 +180,24 @@ def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(playable: Path) -> 
     assert linear.gravity.tolist() == [0, 0, 1] and linear.material_scale == 2.0
 
 
+@pytest.mark.parametrize("shown", ["linear", "full"])
+def test_an_undo_brings_back_no_pull_of_a_page_that_has_left(playable: Path, shown: str) -> None:
+    """Which nobody could let go; what another page holds comes back."""
+    session = session_of(playable, [])
+    (linear,) = session._shown
+    pull(session, linear)
+    other = tuple(linear.surface.rest[linear.surface.rest[:, 0].argmax()].tolist())
+    session.tell(2, protocol.GrabMessage(id=6, point=other, target=other))
+    session.tell(2, protocol.ButtonMessage(kind="reset"))
+    session.tell(1, None)
+    session.tell(2, protocol.SpacesMessage(value=(shown,)))
+    session.tell(2, protocol.ButtonMessage(kind="undo"))
+    session.obey()
+    (simulator,) = session._shown
+    assert simulator.space.name == shown and list(session.hands.held) == [6]
+    assert [grab.target.tolist() for grab in simulator.grabs] == [list(other)]
+
+
 def a_motion(simulator: Simulator) -> Motion:
     tip = simulator.surface.rest[simulator.surface.rest[:, 0].argmax()]
     targets = tip + np.linspace(0, 0.05, 4)[:, None] * [0.0, 1.0, 0.0]
@@ -274,6 +292,24 @@ def test_a_recording_does_not_go_back_to_rest_under_the_hand(tmp_path: Path) -> 
     (drag,) = read_recording(tmp_path / "m.csv", "m").drags
     np.testing.assert_array_equal(drag.point, first.point)
     np.testing.assert_array_equal(drag.targets, [first.target] * 5)
+
+
+def test_a_recording_begins_with_the_gravity_and_the_stiffness_of_the_configuration(tmp_path: Path) -> None:
+    """Its file holds neither."""
+    session = recording_session(tmp_path / "m.csv", [])
+    (simulator,) = session._shown
+    own = simulator.scene.gravity.tolist()
+    told(session, protocol.GravityMessage(value=(0, 0, 1)), protocol.NumberMessage(kind="stiffness", value=2.0))
+    assert simulator.gravity.tolist() == [0, 0, 1] and simulator.material_scale == 2.0
+    told(session, RECORD)
+    assert simulator.gravity.tolist() == own and simulator.material_scale == 1.0
+    assert list(session.look.gravity) == own and session.look.stiffness == 1.0  # as the controls show it
+    hold(session, (1.0, 0.0, 0.0))
+    stepped(session, 4)
+    felt = simulator.displacement()
+    told(session, STOP)
+    replayed = list(simulate(FullStepper(simulator.scene), read_recording(tmp_path / "m.csv", "m")))[-1].state.u
+    np.testing.assert_allclose(felt, replayed, atol=1e-7)
 
 
 def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_again(tmp_path: Path) -> None:

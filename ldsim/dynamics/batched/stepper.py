@@ -30,6 +30,8 @@ DTYPES = (torch.float64, torch.float32)
 MOST_ITERATIONS = 100
 # Of a state, what the last two frames say.
 FRAMES = ("z", "z_previous", "q", "q_previous", "a", "a_previous")
+# Of loads, the factors of the scene's Lamé parameters.
+MODULI = ("mu", "lam")
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,8 +351,12 @@ class _Step(torch.autograd.Function):
         y = stepper.adjoint(z, predictor, loads, gradient)
         y = torch.where(lost[:, None], 0.0, y)
         with torch.enable_grad():
-            # 0 times what is not a number, as loads of a lost instance may be, is none
-            kept = [torch.where(lost.reshape(-1, *[1] * (value.dim() - 1)), 0.0, value) for value in saved]
+            # 0 times what is not a number, as loads of a lost instance may be, is none; moduli of 0 are no solid's
+            harmless = [0.0, *(float(name in MODULI) for name in BatchedLoads._fields[:-1])]
+            kept = [
+                torch.where(lost.reshape(-1, *[1] * (value.dim() - 1)), instead, value)
+                for value, instead in zip(saved, harmless, strict=True)
+            ]
             inputs = [value.detach().requires_grad_(need) for value, need in zip(kept, wanted, strict=True)]
             q = torch.where(lost[:, None], 0.0, stepper.model.decoder(z))
             work = stepper.model.virtual_work(BatchedLoads._make([*inputs[1:], None]), inputs[0], q, y)

@@ -146,6 +146,24 @@ def test_a_lost_instance_is_reported_and_spoils_neither_the_others_nor_their_gra
     assert float(factor.grad) == pytest.approx(float(alone.grad), rel=1e-6)
 
 
+@pytest.mark.parametrize("material", MATERIALS)
+def test_a_lost_instance_puts_nothing_that_is_no_number_into_a_gradient_that_is_shared(material: str) -> None:
+    stepper, pulled = batched(body(material), curved()), pulls(body(material), 2)
+
+    def after(loads: BatchedLoads) -> tuple[Tensor, list[int]]:
+        """The slopes of all z by a stiffness and a factor in the moduli that all instances share, and who is lost."""
+        n, shared = len(loads.mu), stepper.tensor([60.0, 1.0]).requires_grad_()
+        common = {"stiffness": shared[0].expand(n, 1), "mu": shared[1].expand(n), "lam": shared[1].expand(n)}
+        state, solution = stepper.step(stepper.rest(n), loads._replace(**common))
+        return torch.autograd.grad(state.z.sum(), shared)[0], solution.lost.tolist()
+
+    loads = stepper.loads([pulled, pulled])
+    expected, _ = after(loads.of(slice(1)))
+    found, lost = after(loads._replace(target=loads.target * stepper.tensor([1.0, torch.nan]).reshape(2, 1, 1)))
+    assert lost == [1] and expected.all()
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
 def test_no_step_raises_the_potential_of_its_start() -> None:
     stepper = batched(body(), curved(), max_iterations=1)
     loads = stepper.loads([pulls(body(), seed) for seed in range(6)])
