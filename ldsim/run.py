@@ -144,7 +144,7 @@ class Run:
 
     def written(self, kind: str) -> None:
         """Forget what was read of an artefact, and of those made of it, because a stage has written it anew."""
-        if kind in ("snapshots", "tests"):
+        if kind in ("scene", "snapshots", "tests"):
             self.close()
         for name in [name for name, (_, header) in self._read.items() if name == kind or kind in header.inputs]:
             del self._read[name]

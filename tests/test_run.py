@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -93,6 +94,26 @@ def test_what_a_stage_has_written_is_read_anew(own_run: Path) -> None:
     assert run.model.kp == KP - 1 and run.hash("model") != hash_before
     with pytest.raises(ArtefactError, match="cubature.h5 was made from another model"):
         run.space("linear")
+
+
+def test_what_was_made_of_a_scene_that_is_written_anew_is_not_taken_from_memory(own_run: Path) -> None:
+    run = Run.open(own_run)
+    assert run.basis and run.cubature
+    write_scene(own_run / "scene.h5", header(own_run, "scene"), replace(solid(1), gravity=np.zeros(3)))
+    run.written("scene")
+    for kind in ("basis", "cubature"):
+        with pytest.raises(ArtefactError, match=f"{kind}.h5 was made from another scene than .*scene.h5"):
+            getattr(run, kind)
+
+
+def test_nor_are_snapshots(small: Run, tmp_path: Path) -> None:
+    folder = shutil.copytree(small.folder, tmp_path / small.folder.name)
+    with Run.open(folder) as run:
+        assert run.snapshots.names == list(run.motions)
+        write_scene(folder / "scene.h5", run.header("scene"), replace(run.scene, gravity=np.zeros(3)))
+        run.written("scene")
+        with pytest.raises(ArtefactError, match="snapshots.h5 was made from another scene than .*scene.h5"):
+            run.snapshots  # noqa: B018
 
 
 def test_an_input_that_is_replaced_while_a_stage_runs_is_told_by_what_was_read(own_run: Path) -> None:

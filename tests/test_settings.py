@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from ldsim.errors import SettingsError
 from ldsim.mechanics.options import ScriptOptions
 from ldsim.options import read_options
 from ldsim.pipeline.files import resolve_path
-from ldsim.settings import STAGES, load_settings
+from ldsim.settings import STAGES, Settings, load_settings, settings_of
 
 SMALLEST: dict[str, Any] = {
     "experiment": "small",
@@ -89,6 +90,19 @@ def test_the_smallest_configuration_is_complete(tmp_path: Path) -> None:
             [{"where": {"group": "a"}, "material": {"poisson_ratio": 0.5}}],
             ["mesh.regions.0.material.poisson_ratio", "less than 0.5"],
         ),
+        ("mesh.scale", 0.001, ["mesh", "scale is 0.001, but a shape is given in metres"]),
+        ("mesh.reorient", True, ["mesh", "reorient is of the cells of a mesh file"]),
+        (
+            "mesh",
+            {name: given for name, given in SMALLEST["mesh"].items() if name != "shape"}
+            | {"surface": {"file": "a.stl", "cells": 100}, "reorient": True},
+            ["mesh", "reorient is of the cells of a mesh file"],
+        ),
+        (
+            "snapshot.motions.0.pulls",
+            {"count": 6, "reach": 0.1, "frames": 100_000, "rest": 100_000},
+            ["snapshot.motions.0.pulls", "6 pulls of 200000 frames are 1200000; at most 1000000"],
+        ),
         ("mesh.cell_data", {"density": "rho"}, ["mesh", "cell_data is read from a mesh file"]),
         (
             "mesh.loads",
@@ -137,10 +151,27 @@ def test_a_fault_is_named_with_its_path_and_what_is_allowed(
         assert word in message
 
 
-def test_two_motions_of_one_name_are_refused(tmp_path: Path) -> None:
-    twice = changed("snapshot.motions", SMALLEST["snapshot"]["motions"] * 2)
-    with pytest.raises(SettingsError, match="different names, and not by case alone; got a, a"):
+@pytest.mark.parametrize("other", ["a", "A"])
+def test_two_motions_of_one_name_are_refused_also_where_case_alone_tells_them_apart(tmp_path: Path, other: str) -> None:
+    """Each has a file of its name, and on some systems those would be one."""
+    (motion,) = SMALLEST["snapshot"]["motions"]
+    twice = changed("snapshot.motions", [motion, motion | {"name": other}])
+    with pytest.raises(SettingsError, match=f"different names, .* got a, {other}$"):
         load_settings(written(tmp_path, twice))
+
+
+@pytest.mark.parametrize("word", ["yes", "no", "on", "off"])
+def test_yes_and_no_are_no_numbers_and_are_taken_where_they_belong(tmp_path: Path, word: str) -> None:
+    def loaded(key: str, value: object) -> Settings:
+        config = written(tmp_path, changed(key, value))
+        config.write_text(config.read_text("utf-8").replace("WORD", word), encoding="utf-8")
+        return load_settings(config)
+
+    with pytest.raises(SettingsError, match=r"mesh: density is (True|False); expected numbers or words"):
+        loaded("mesh.density", "WORD")
+    with pytest.raises(SettingsError, match=r"mesh: gravity is \[0, (True|False), 0\]; expected numbers or words"):
+        loaded("mesh.gravity", [0, "WORD", 0])
+    assert loaded("report.pictures", "WORD").report.pictures is (word in ("yes", "on"))
 
 
 def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
@@ -228,6 +259,17 @@ def test_a_share_of_the_motions_without_a_role_is_held_out_by_its_seed(tmp_path:
     assert all(roles(seed)[2:].count("test") == 2 for seed in range(10))
     assert roles(3) == roles(3)
     assert len({roles(seed) for seed in range(10)}) > 3
+
+
+def test_a_further_motion_mostly_leaves_the_others_their_roles() -> None:
+    """So that those that nothing has looked at stay so: of 9 with 2 tests, it takes the place of one in 2/9 of all."""
+
+    def roles(count: int, seed: int) -> tuple[str, ...]:
+        content = of_motions([None] * count, test_share=0.25, test_seed=seed)
+        return settings_of(content, "a test").snapshot.roles
+
+    kept = [roles(9, seed)[:8] == roles(8, seed) for seed in range(200)]
+    assert sum(kept) / 200 == pytest.approx(7 / 9, abs=4 * math.sqrt(7 / 9 * 2 / 9 / 200))
 
 
 def test_a_small_share_still_holds_one_motion_out(tmp_path: Path) -> None:

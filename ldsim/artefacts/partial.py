@@ -105,7 +105,7 @@ def _own(file: int) -> None:
 
 
 class MotionStore:
-    """The files of one motion's run: frames appended one by one, and a checkpoint replaced after each."""
+    """The files of one motion's run: frames appended one by one, and a checkpoint replaced now and then."""
 
     def __init__(self, folder: Path, motion: Motion) -> None:
         self._folder = folder

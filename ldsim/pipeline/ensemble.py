@@ -1,8 +1,8 @@
-"""Full-space runs of many motions, side by side, each resumable at the frame it had reached.
+"""Full-space runs of many motions, side by side, each resumable at its last checkpoint.
 
 Motions are independent, so each is a task of its own process, run with one thread. A task appends its frames to a file
-and replaces a checkpoint after each. Whoever is interrupted, or takes over from a worker that died, goes on from there
-and repeats an undisturbed run exactly, because the checkpoint holds all that the next step depends on.
+and replaces a checkpoint now and then. Whoever is interrupted, or takes over from a worker that died, goes on from
+that and repeats an undisturbed run exactly, because the checkpoint holds all that the next step depends on.
 """
 
 from __future__ import annotations

@@ -37,7 +37,8 @@ def content_hash(path: Path) -> str:
 
 def relative_path(path: Path, folder: Path) -> str:
     """A path as a configuration in some folder has it: relative, where there is a way, and alike on every system."""
-    path, folder = path.resolve(), folder.resolve()  # through a link ".." leads elsewhere
+    # through a link ".." leads elsewhere; of a file that is one, the name with its ending stays
+    path, folder = path.parent.resolve() / path.name, folder.resolve()
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:  # on another drive

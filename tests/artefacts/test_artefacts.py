@@ -3,7 +3,9 @@ leaves the artefact that was there."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import fcntl
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +18,7 @@ import pytest
 
 from ldsim.artefacts import atomic, partial, store
 from ldsim.artefacts.schema import SCHEMA_VERSION, SCHEMAS
-from ldsim.artefacts.sealed_file import UnreadableError, datasets
+from ldsim.artefacts.sealed_file import UnreadableError, datasets, opened
 from ldsim.artefacts.store import Header, file_hash
 from ldsim.artefacts.training import TrainingStore
 from ldsim.errors import ArtefactError
@@ -328,3 +330,41 @@ def test_an_artefact_is_on_the_disk_before_it_takes_its_name(tmp_path: Path, mon
     monkeypatch.setattr(os, "fsync", lambda file: names.append([each.name for each in tmp_path.glob("*.h5")]))
     EXAMPLES["scene"].write(tmp_path / "scene.h5", header("scene"))
     assert names and not any("scene.h5" in each for each in names)
+
+
+@every_kind
+@pytest.mark.parametrize("locking", [None, False])
+def test_what_this_process_has_open_already_can_be_read(kind: str, artefact: Path, locking: bool | None) -> None:
+    with h5py.File(artefact, "r", locking=locking):
+        assert same(EXAMPLES[kind].read(artefact)[0], EXAMPLES[kind].value)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(opened(artefact))
+        stack.enter_context(h5py.File(artefact, "r"))
+
+
+@every_kind
+@pytest.mark.parametrize("lock", [fcntl.LOCK_SH, fcntl.LOCK_EX], ids=["shared", "exclusive"])
+def test_what_another_program_has_locked_can_be_read(kind: str, artefact: Path, lock: int) -> None:
+    """As HDF5 does in a program that has it open: the lock is one of the open file, not of the process."""
+    with artefact.open("rb") as stream:
+        fcntl.flock(stream, lock)
+        assert same(EXAMPLES[kind].read(artefact)[0], EXAMPLES[kind].value)
+
+
+def test_what_is_locked_for_now_is_not_called_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def locked(*_: object, **__: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "unable to lock file")
+
+    EXAMPLES["scene"].write(tmp_path / "scene.h5", header("scene"))
+    monkeypatch.setattr("ldsim.artefacts.sealed_file.h5py.File", locked)
+    with pytest.raises(UnreadableError, match=r"scene.h5 cannot be read: Resource temporarily unavailable$"):
+        EXAMPLES["scene"].read(tmp_path / "scene.h5")
+
+
+def test_what_another_program_is_writing_is_said_to_be_that_perhaps(tmp_path: Path) -> None:
+    path = tmp_path / "scene.h5"
+    EXAMPLES["scene"].write(path, header("scene"))
+    with h5py.File(path, "r+") as file:
+        file["gravity"][1] = -1.0
+        file.flush()
+        assert "is damaged, or another program has it open to write (" in refusal(EXAMPLES["scene"], path)

@@ -12,6 +12,7 @@ from ldsim.mechanics.linear_response import LinearResponse
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
+from ldsim.optimise.sparse import Factor
 from tests.helpers import scene as scene_of
 
 LENGTH, THICKNESS, MODULUS, DENSITY, G = 0.4, 0.04, 1e6, 1000.0, 9.81
@@ -70,6 +71,19 @@ def test_what_is_only_stretched_or_only_bent_does_not_buckle() -> None:
     assert response(hanging).load_factor(hanging.external_force) > 20 * column
     assert response(standing).load_factor(standing.external_force) > column
     assert response(standing).load_factor(np.zeros_like(standing.mesh.vertices)) == math.inf
+
+
+def test_that_a_hanging_solid_does_not_buckle_is_found_in_few_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its load factors are far beyond 1 and close together, so that Lanczos would search for them for ever."""
+    hanging, solve, solves = cantilever(1, (G, 0.0, 0.0)), Factor.solve, list[int]()
+
+    def counted(factor: Factor, right: np.ndarray) -> np.ndarray:
+        solves.append(len(right))
+        return solve(factor, right)
+
+    monkeypatch.setattr(Factor, "solve", counted)
+    assert response(hanging).load_factor(hanging.external_force) >= 1
+    assert len(solves) < 800
 
 
 def test_strain_is_that_of_a_stretched_bar_and_none_of_a_turned_one() -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ldsim.errors import MeshError
 from ldsim.mechanics.quadrature import mass_matrix, quadrature, reference_points
-from ldsim.mesh.mesh import Mesh
-from ldsim.mesh.shapes import beam, cross
+from ldsim.mesh.mesh import Mesh, check_cells
+from ldsim.mesh.shapes import CUBE_CORNERS, beam, cross
 from tests.helpers import jittered
 
 CELL_TYPES = ["tet4", "hex8"]
@@ -82,3 +83,19 @@ def test_consistent_mass_integrates_products_of_linear_fields_exactly(box: Mesh)
     total = DENSITY * SIDES.prod()
     np.testing.assert_allclose(x.T @ (mass @ x), np.diag(total * SIDES**2 / 12), atol=1e-13)
     np.testing.assert_allclose(mass.sum(axis=0) @ box.vertices, total * np.array([0.2, 0, 0]), atol=1e-13)
+
+
+# Found by a random search: at every corner it is right-handed, but not at a quadrature point near the first.
+FOLDED = np.array(
+    [
+        *([0.0, 0.7, 0.9], [1.0, -0.5, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]),
+        *([0.3, 0.0, -0.2], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [-0.9, 1.0, 1.0]),
+    ]
+)
+
+
+def test_a_hexahedron_that_is_folded_between_its_corners_is_refused() -> None:
+    mesh = Mesh(np.vstack([CUBE_CORNERS, FOLDED + [3, 0, 0]]), np.arange(16).reshape(2, 8), "hex8")
+    check_cells(mesh)
+    with pytest.raises(MeshError, match="cell 1 is folded between its corners"):
+        quadrature(mesh)

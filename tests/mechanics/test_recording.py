@@ -43,6 +43,20 @@ def test_a_recording_that_a_spreadsheet_wrote_is_read(tmp_path: Path, encoding: 
     assert motion.drags[0].targets.tolist() == [[1, 2, 3], [1, 2, 4]] and motion.drags[0].stiffness == 30
 
 
+def test_a_recording_that_a_spreadsheet_saved_again_is_read(tmp_path: Path) -> None:
+    """It pads each line to the columns of the widest and quotes what holds a comma."""
+    empty = ",,,,,,,"
+    notes = ['"# recorded_on: beam, of rubber",,,,,,,', '"# spring_stiffness_n_per_m: 30",,,,,,,']
+    lines = [*notes, "# grab_radius_m: 0.03,,,,,,,", empty, COLUMNS.strip(), *ROWS[:2], empty, *ROWS[2:], empty, empty]
+    motion, plain = (
+        read_recording(written(tmp_path, text), "m") for text in ("\n".join(lines), HEADER + COLUMNS + "\n".join(ROWS))
+    )
+    assert motion.frames == plain.frames == 5
+    for found, expected in zip(motion.drags, plain.drags, strict=True):
+        assert (found.start, found.stiffness, found.radius) == (expected.start, 30, 0.03)
+        np.testing.assert_array_equal(found.targets, expected.targets)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

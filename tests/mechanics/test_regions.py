@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,32 @@ def test_a_region_holds_its_vertices_and_cells(region: Region, vertices: list[in
     assert held.sum() == 4 * len(vertices)
     centroids = GROUPED.vertices[GROUPED.cells[region.cell_mask(GROUPED)]].mean(axis=1)
     assert sorted(np.floor(10 * centroids[:, 0]).tolist()) == cells
+
+
+@pytest.mark.parametrize("at", ["min", "max"])
+def test_a_slab_holds_the_layer_at_its_bound_whatever_rounding_makes_of_that(at: Literal["min", "max"]) -> None:
+    for length in range(2, 11):
+        row = voxel_mesh(np.ones((length, 1, 1), dtype=bool), 0.1, "hex8")
+        for layers in range(1, length):
+            slab = Region(slab=Slab(axis="x", at=at, thickness=layers / 10))
+            assert slab.vertex_mask(row).sum() == 4 * (layers + 1), (length, layers)
+
+
+def test_a_box_in_metres_holds_what_lies_on_its_bound_in_millimetres() -> None:
+    """18 times 0.001 is 0.018000000000000002."""
+    metres = Mesh(ROW.vertices / 0.1 * [18, 1, 1] * 0.001, ROW.cells, "hex8")
+    for layer in range(1, 10):
+        low, high = Box(min=(-1, -1, -1), max=(0.018 * layer, 1, 1)), Box(min=(0.018 * layer, -1, -1), max=(1, 1, 1))
+        assert Region(box=low).vertex_mask(metres).sum() == 4 * (layer + 1)
+        assert Region(box=high).vertex_mask(metres).sum() == 4 * (11 - layer)
+
+
+def test_a_ball_holds_what_lies_on_it() -> None:
+    corner = ROW.vertices.min(axis=0)
+    along = (ROW.vertices[:, 1:] == corner[1:]).all(axis=1)
+    for layer in range(1, 10):
+        ball = Region(ball=Ball(centre=tuple(corner.tolist()), radius=layer / 10))
+        assert ball.vertex_mask(ROW)[along].sum() == layer + 1
 
 
 def test_pins_add_up() -> None:

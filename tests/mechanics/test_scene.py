@@ -27,6 +27,7 @@ BAD_SCENES = {
     "load": ({"load": np.full((BEAM.n_vertices, 3), np.inf)}, "load holds inf"),
     "a load of another shape": ({"load": np.zeros((3, BEAM.n_vertices))}, "have shapes"),
     "all pinned": ({"pinned": np.ones(BEAM.n_vertices, dtype=bool)}, "the pins hold all .* vertices"),
+    "pins by number": ({"pinned": np.arange(BEAM.n_vertices) % 2}, "pinned is of type int64; expected bool"),
     "no pins": ({"pinned": np.zeros(BEAM.n_vertices, dtype=bool)}, "1 of 1 connected parts have no pinned vertex"),
 }
 
@@ -81,3 +82,20 @@ def test_a_stiffened_scene_has_its_lame_parameters_scaled_and_nothing_else_chang
     np.testing.assert_allclose(changed.elements.lam, 2.5 * body.elements.lam, rtol=1e-15)
     np.testing.assert_array_equal(changed.external_force, body.external_force)
     assert changed.mass is body.mass
+
+
+@pytest.mark.parametrize(
+    ("material", "ratio"), [("neo_hookean", 0.0), ("neo_hookean", -0.1), ("fixed_corotated", -0.1)]
+)
+def test_a_material_that_a_change_of_volume_costs_nothing_is_refused(material: str, ratio: float) -> None:
+    with pytest.raises(
+        SceneError, match=f"cell 0 is of {material} with Poisson's ratio {ratio:g}, .*give a greater one"
+    ):
+        scene(BEAM, material, poisson_ratio=ratio)
+
+
+@pytest.mark.parametrize(
+    ("material", "ratio"), [("stable_neo_hookean", -0.1), ("fixed_corotated", 0.0), ("linear", -0.1)]
+)
+def test_a_material_that_resists_it_otherwise_may_have_such_a_ratio(material: str, ratio: float) -> None:
+    assert scene(BEAM, material, poisson_ratio=ratio).lam.max() <= 0

@@ -6,8 +6,20 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MotionError
+from ldsim.mechanics.options import ScriptOptions
 from ldsim.mechanics.pins import MovedPins
-from ldsim.mechanics.script import Path, frame_times, frames_until, grab_along, gravity_sweep, rotations, support_along
+from ldsim.mechanics.script import (
+    Path,
+    frame_times,
+    frames_until,
+    grab_along,
+    gravity_sweep,
+    rotations,
+    scripted,
+    support_along,
+)
+from ldsim.mesh.shapes import beam
+from tests.helpers import scene
 
 STEP = [(1.0, (0.0,)), (2.0, (10.0,)), (4.0, (6.0,))]
 
@@ -86,3 +98,12 @@ def test_a_gravity_sweep_comes_near_every_direction_from_its_start_to_the_opposi
 def test_a_gravity_sweep_of_no_size_is_refused() -> None:
     with pytest.raises(MotionError, match="size 0"):
         gravity_sweep((0, 0, 0), 10, 1)
+
+
+def test_a_grab_that_begins_when_the_motion_is_over_is_refused() -> None:
+    keyframes = [{"time": time, "target": (0, 0, 0)} for time in (0.5, 1.0)]
+    grab = {"point": (0, 0, 0), "keyframes": keyframes}
+    body = scene(beam(resolution=1), time_step=0.1)
+    assert scripted("a", body, ScriptOptions.model_validate({"grabs": [grab], "duration": 0.7})).frames == 7
+    with pytest.raises(MotionError, match="a grab begins at 0.5 s, when the motion of 0.4 s is over"):
+        scripted("a", body, ScriptOptions.model_validate({"grabs": [grab], "duration": 0.4}))

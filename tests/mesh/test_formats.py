@@ -151,6 +151,16 @@ def gmsh(folder: Path) -> Path:
     return path
 
 
+def gmsh_with_slashes(folder: Path) -> Path:
+    """Names that are no names of HDF5, and two that become the same."""
+    tags = [np.array([7, 8]), np.array([3, 0])]
+    names = {"a/b": np.array([7, 3]), "a_b": np.array([8, 3]), ".": np.array([3, 2])}
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    path = folder / "a.msh"
+    meshio.Mesh(PAIR, BLOCKS, cell_data=data, field_data=names).write(path, file_format="gmsh22", binary=False)
+    return path
+
+
 def medit_with_numbers(folder: Path) -> Path:
     data = {"medit:ref": [np.array([0, 5]), np.array([2, 2])]}
     points = {"medit:ref": np.array([0, 0, 4, 4, 0, 4])}
@@ -168,6 +178,7 @@ def abaqus(folder: Path) -> Path:
 Parts = dict[str, tuple[list[int], list[int]]]
 GROUPED: dict[str, tuple[Callable[[Path], Path], Parts]] = {
     "gmsh": (gmsh, {"inner": ([0, 1, 2, 3], [0]), "cells_8": ([1, 2, 3, 4], [1]), "foot": ([0, 1, 2], [])}),
+    "slashes": (gmsh_with_slashes, {"a_b": ([0, 1, 2, 3, 4], [0, 1]), "unnamed": ([0, 1, 2], [])}),
     "medit": (
         medit_with_numbers,
         {"cells_5": ([1, 2, 3, 4], [1]), "faces_2": ([0, 1, 2, 3], []), "points_4": ([2, 3], [])},
@@ -184,6 +195,17 @@ def test_parts_of_a_file_become_groups_of_the_vertices_and_cells_that_are_used(
     assert read.dropped_vertices == 1
     found = {name: (group.vertices.tolist(), group.cells.tolist()) for name, group in read.mesh.groups.items()}
     assert found == expected
+
+
+@pytest.mark.parametrize(
+    "tags", [np.array([np.nan, 1.0]), np.array([1.0, np.inf]), np.eye(3)[:2]], ids=["nan", "infinite", "vectors"]
+)
+def test_data_that_are_only_called_like_the_numbers_of_parts_make_no_groups(tags: np.ndarray, tmp_path: Path) -> None:
+    of_points = np.resize(tags, (len(PAIR), *tags.shape[1:]))
+    mesh = meshio.Mesh(PAIR, BLOCKS[:1], cell_data={"medit:ref": [tags]}, point_data={"medit:ref": of_points})
+    mesh.write(tmp_path / "a.vtu")
+    read = read_mesh(tmp_path / "a.vtu").mesh
+    assert read.n_cells == 2 and not read.groups
 
 
 def test_groups_follow_their_vertices_when_unused_ones_are_dropped(tmp_path: Path) -> None:
@@ -231,6 +253,7 @@ BAD_SURFACES = {
     "truncated": (text("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n"), "is not a readable .off file"),
     "a volume": (medit(POINTS, [("tetra", TET)]), "holds cells of the type tetra; .* read with mesh.file"),
     "no triangles": (text("a.off", "OFF\n1 0 0\n0 0 0\n"), "a.off"),
+    "painted, too far": (text("a.obj", "v 0 0 0\nv 1e200 0 0\nv 0 1 0\nf 1 2 3\n"), "vertex . has coordinates"),
     "not a number": (text("a.off", "OFF\n3 1 0\n0 0 nan\n1 0 0\n0 1 0\n3 0 1 2\n"), "vertex 0 has coordinates"),
 }
 

@@ -21,7 +21,9 @@ BAD_MESHES = {
     "infinite": (np.where(UNIT_TET == 1, np.inf, UNIT_TET), TET, "tet4", "vertex 1 has coordinates"),
     "negative index": (UNIT_TET, TET - 1, "tet4", r"cell 0 refers to vertices \[-1, 0, 1, 2\]; allowed are 0 … 3"),
     "index too large": (UNIT_TET, TET + 1, "tet4", "allowed are 0 … 3"),
-    "index beyond 32 bits": (UNIT_TET, TET + 2**32, "tet4", "cell 0 refers to vertices .4294967296, 4294967297"),
+    "index beyond 32 bits": (UNIT_TET, TET + 2**32, "tet4", r"cell 0 refers to vertices \[4294967296, .*0 … 3"),
+    "index below 32 bits": (UNIT_TET, TET - 2**32, "tet4", r"cell 0 refers to vertices \[-4294967296, .*0 … 3"),
+    "no whole numbers": (UNIT_TET, TET + 0.5, "tet4", "cells are of type float64; expected whole numbers"),
 }
 
 

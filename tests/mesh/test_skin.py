@@ -41,6 +41,17 @@ def test_to_be_filled_with_tets_it_is_closed_though_its_texture_has_seams(tmp_pa
     assert np.ptp(surface.vertices, axis=0) == pytest.approx(HIGH - LOW, abs=1e-6)
 
 
+def test_without_scenes_each_node_is_drawn_once_where_those_above_it_put_it(tmp_path: Path) -> None:
+    file = WRITERS["gltf"](tmp_path, LOW, HIGH)
+    expected = read_skin(file)
+    document = json.loads(file.read_text())
+    del document["scenes"]
+    file.write_text(json.dumps(document))
+    found = read_skin(file)
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    np.testing.assert_array_equal(found.triangles, expected.triangles)
+
+
 def test_other_formats_have_places_alone(tmp_path: Path) -> None:
     (tmp_path / "a.off").write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n")
     skin = read_skin(tmp_path / "a.off", 0.5)
@@ -121,6 +132,13 @@ WRONG = {
     "no faces": ("v 0 0 0\n", "obj", "the surface has no triangles"),
     "not finite": ("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "obj", "not finite"),
     "no JSON": ("solid", "gltf", "not a readable glTF file"),
+    "a list": ("[]", "gltf", "not a readable glTF file"),
+    "nested": (100_000 * "[", "gltf", "not a readable glTF file"),
+    "its own child": (
+        _gltf({"scenes": [{"nodes": [0]}], "nodes": [{"children": [0]}]}),
+        "gltf",
+        "node 0 is placed twice",
+    ),
     "empty": (_gltf({}), "gltf", "holds no triangles"),
     "compressed": (_gltf({"extensionsRequired": ["KHR_draco_mesh_compression"]}), "gltf", "KHR_draco_mesh_compression"),
     "elsewhere": (
@@ -147,4 +165,4 @@ def test_what_is_wrong_with_a_file_is_said_in_a_line(tmp_path: Path, case: str) 
         file.write_text(text)
     with pytest.raises(MeshError, match=words) as error:
         read_skin(file)
-    assert file.name in str(error.value)
+    assert file.name in str(error.value) and "\n" not in str(error.value)

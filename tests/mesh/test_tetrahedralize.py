@@ -92,15 +92,29 @@ def test_the_edge_length_for_a_number_of_tets_is_found_in_few_tries(
 
 
 def test_the_nearest_try_is_kept_when_none_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
-    counts = [500, 190, 260, 300, 400]
+    counts = [5000, 1900, 2600, 300, 400]
 
     def fill(surface: Triangles, edge_length: float, *rest: object) -> Tetrahedralization:
         tet = np.tile(np.arange(4, dtype=np.int32), (counts.pop(0), 1))
         return Tetrahedralization(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
 
     monkeypatch.setattr(tetrahedralize, "tetrahedralized", fill)
-    assert tetrahedralized_to_count(box(SIDES), 100).mesh.n_cells == 190
+    assert tetrahedralized_to_count(box(SIDES), 1000).mesh.n_cells == 1900
     assert not counts
+
+
+def test_no_filling_is_tried_again_with_the_longest_edge_that_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
+
+    def fill(surface: Triangles, edge_length: float, *rest: object) -> Tetrahedralization:
+        tried.append(edge_length)
+        tet = np.tile(np.arange(4, dtype=np.int32), (250, 1))
+        return Tetrahedralization(Mesh(np.eye(4)[:, :3], tet, "tet4"), edge_length, surface.volume)
+
+    monkeypatch.setattr(tetrahedralize, "tetrahedralized", fill)
+    assert tetrahedralized_to_count(box(SIDES), 10).mesh.n_cells == 250
+    assert tried[-1] == max(tried) == box(SIDES).diagonal * tetrahedralize.LONGEST_EDGE
+    assert len(set(tried)) == len(tried) < TRIES
 
 
 def fails_at(number: int) -> Callable[..., Tetrahedralization]:

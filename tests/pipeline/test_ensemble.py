@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import itertools
 import logging
 import os
 import signal
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -25,7 +27,7 @@ from distributed import Client, LocalCluster
 from distributed.scheduler import KilledWorker
 from numpy.typing import NDArray
 
-from ldsim.artefacts.partial import Lease
+from ldsim.artefacts.partial import Checkpoint, Lease, MotionStore
 from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import file_hash
@@ -37,9 +39,10 @@ from ldsim.pipeline.cluster import Workers, result
 from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
 from tests.helpers import changed
+from tests.pipeline.two_tets import made, run_here
 
 WAIT = 60.0
-FRAMES = 4000
+FRAMES = 1000
 MOTIONS = ("a", "b")
 SOLVER = FullOptions()
 
@@ -171,6 +174,25 @@ def frames_of(path: Path) -> int:
         return len(file["seconds"])
 
 
+def test_a_checkpoint_is_written_now_and_then_and_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a small solid it takes longer than a step."""
+    written, write = list[int](), MotionStore.write_checkpoint
+
+    def noted(store: MotionStore, checkpoint: Checkpoint) -> None:
+        written.append(checkpoint.frames)
+        write(store, checkpoint)
+
+    monkeypatch.setattr(MotionStore, "write_checkpoint", noted)
+    monkeypatch.setattr(ensemble, "time", SimpleNamespace(perf_counter=lambda: 0.0))
+    run = made(tmp_path)
+    run_here(run.path("scene"), tmp_path / "partial", [still("m", 30)], SOLVER)
+    assert written == [1, 30]
+    ticks = itertools.count(step=0.4 * ensemble.CHECKPOINT_SECONDS)
+    monkeypatch.setattr(ensemble, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    run_here(run.path("scene"), tmp_path / "partial", [still("n", 30)], SOLVER)
+    assert written[-1] == 30 and len(written) > 2 + 5
+
+
 def test_motions_that_share_a_scene_do_not_share_anything_else(scene: Path, tmp_path: Path) -> None:
     for folder, names in (("alone", ["m"]), ("beside", ["l", "m", "n"])):
         motions = [still(name, 10) for name in names]
@@ -238,9 +260,9 @@ def command(process: psutil.Process) -> list[str]:
         return []
 
 
-def test_a_worker_that_is_killed_costs_little(scene: Path, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_costs_nothing_but_the_frames_since_its_checkpoint(scene: Path, tmp_path: Path) -> None:
     """The frames are those of an undisturbed run, and the worker that took over went on where the first one was."""
-    run_motions(scene, tmp_path / "undisturbed", [still("m", FRAMES)], SOLVER, 1, lambda *_: None)
+    run_motions(scene, tmp_path / "undisturbed", [still("m", 4 * FRAMES)], SOLVER, 1, lambda *_: None)
     others, reached = set(workers()), list[NDArray[np.float64]]()
 
     def kill_once(done: int, unfinished: int) -> None:
@@ -250,8 +272,8 @@ def test_a_worker_that_is_killed_costs_little(scene: Path, tmp_path: Path) -> No
             worker.wait(WAIT)
             reached.append(seconds_so_far(tmp_path / "killed", "m"))
 
-    run_motions(scene, tmp_path / "killed", [still("m", FRAMES)], SOLVER, 1, kill_once)
-    assert 0 < len(reached[0]) < FRAMES
+    run_motions(scene, tmp_path / "killed", [still("m", 4 * FRAMES)], SOLVER, 1, kill_once)
+    assert 1 <= len(reached[0]) < 4 * FRAMES
     assert np.array_equal(seconds_so_far(tmp_path / "killed", "m")[: len(reached[0])], reached[0])
     assert (tmp_path / "killed" / "m.frames").read_bytes() == (tmp_path / "undisturbed" / "m.frames").read_bytes()
 

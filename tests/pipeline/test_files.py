@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 import pytest
 
 from ldsim.errors import SettingsError
 from ldsim.mesh.mesh import Mesh
-from ldsim.pipeline.files import file_sums, resolve_path
+from ldsim.pipeline import files
+from ldsim.pipeline.files import file_sums, relative_path, resolve_path
 from tests.mesh.painted import write_gltf
 from tests.mesh.test_formats import POINTS, TET, write
 
@@ -72,3 +73,36 @@ def test_a_second_file_with_a_name_that_is_too_long_is_none(tmp_path: Path) -> N
     """Whoever reads the mesh says so."""
     (tmp_path / "part.gltf").write_text('{"buffers": [{"uri": "%s.bin"}]}' % (300 * "a"))
     assert "part.gltf" in file_sums(["part.gltf"], tmp_path)
+
+
+def test_a_path_from_a_folder_that_is_a_link_leads_to_the_file(tmp_path: Path) -> None:
+    """And the file, which may be one too, keeps its name, for that tells what it is."""
+    stored, link, file = tmp_path / "store" / "a1b2", tmp_path / "link", tmp_path / "parts" / "a part.stl"
+    for folder in (stored.parent, file.parent, tmp_path / "far" / "away"):
+        folder.mkdir(parents=True)
+    stored.touch()
+    file.symlink_to(stored)
+    link.symlink_to(tmp_path / "far" / "away")
+    found = relative_path(file, link)
+    assert found == "../../parts/a part.stl"
+    assert resolve_path(found, link).samefile(stored)
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"), [("..\\parts\\a.stl", "../parts/a.stl"), (None, "D:/parts/a.stl")], ids=["near", "drive"]
+)
+def test_a_path_is_alike_on_every_system(way: str | None, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On Windows it would have backslashes, and there is none from one drive to another."""
+
+    class WindowsPath(PureWindowsPath):
+        def resolve(self) -> WindowsPath:
+            return self
+
+    def relpath(path: object, folder: object) -> str:
+        if way is None:
+            raise ValueError("path is on mount 'D:', start on mount 'C:'")
+        return way
+
+    monkeypatch.setattr(files, "Path", WindowsPath)
+    monkeypatch.setattr(files.os.path, "relpath", relpath)
+    assert relative_path(WindowsPath("D:\\parts\\a.stl"), WindowsPath("C:\\configs")) == expected  # type: ignore[arg-type]

@@ -7,12 +7,16 @@ from typing import Any
 
 import pytest
 
+from ldsim.artefacts.partial import write_snapshots
 from ldsim.artefacts.sealed_file import UnreadableError
 from ldsim.artefacts.store import file_hash
+from ldsim.errors import ArtefactError
 from ldsim.pipeline import mesh as meshing
 from ldsim.pipeline import snapshot as stage
 from ldsim.pipeline.files import file_sums
 from ldsim.pipeline.mesh import mesh
+from ldsim.pipeline.options import SnapshotOptions
+from ldsim.pipeline.progress import Progress
 from ldsim.pipeline.snapshot import snapshot
 from ldsim.run import Run
 from tests.helpers import changed
@@ -80,3 +84,51 @@ def test_snapshots_that_may_not_be_read_are_not_made_anew(
     with pytest.raises(UnreadableError):
         snapshot(run, motions(), base=tmp_path)
     assert run.path("snapshots").read_bytes() == before
+
+
+@pytest.mark.parametrize(("before", "after"), [("train", "test"), ("test", "train")])
+def test_a_motion_that_changes_its_role_is_kept_though_the_second_file_cannot_be_written(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, after: str
+) -> None:
+    def options(role: str) -> SnapshotOptions:
+        one, other = ({"name": name, "recording": RECORDING} for name in ("a", "b"))
+        return motions(motions=[one, other | {"role": role}])
+
+    snapshot(run, options(before), base=tmp_path)
+    written = list[Path]()
+
+    def only_the_first(path: Path, *given: Any) -> None:
+        if written:
+            raise ArtefactError("no space left")
+        written.append(path)
+        write_snapshots(path, *given)
+
+    monkeypatch.setattr(stage, "write_snapshots", only_the_first)
+    with pytest.raises(ArtefactError, match="no space left"):
+        snapshot(run, options(after), base=tmp_path)
+    monkeypatch.setattr(stage, "write_snapshots", write_snapshots)
+    monkeypatch.setattr(stage, "run_motions", lambda *_: pytest.fail("a motion ran anew"))
+    with snapshot(run, options(after), base=tmp_path) as found:
+        assert found.names == ["a", "b"] and found.with_role(after)[-1:] == ["b"]
+    run.close()
+
+
+class Told(Progress):
+    """Notes that are kept."""
+
+    def __init__(self) -> None:
+        self.lines = list[str]()
+
+    def tell(self, text: str) -> None:
+        self.lines.append(text)
+
+
+def test_that_damaged_snapshots_are_made_anew_is_told(run: Run, tmp_path: Path) -> None:
+    first, again = Told(), Told()
+    snapshot(run, motions(), first, base=tmp_path).close()
+    run.path("snapshots").write_bytes(b"damaged")
+    run.written("snapshots")
+    snapshot(run, motions(), again, base=tmp_path).close()
+    notes = [[line for line in told.lines if line.startswith("note: ")] for told in (first, again)]
+    assert notes[0] == [] and len(notes[1]) == 1
+    assert "snapshots.h5 is not a readable HDF5 file" in notes[1][0] and "its motions run anew" in notes[1][0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from ldsim.mechanics.options import PullOptions
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
+from ldsim.mesh.surface import surface_vertices
 from ldsim.pipeline.options import MotionOptions, SnapshotOptions
 from ldsim.pipeline.solid import Solid, described, look_at, moved_by, solid_lines, usual_radius
 from tests.helpers import scene as scene_of
@@ -76,11 +79,14 @@ def test_half_of_a_pull_as_stiff_as_the_solid_goes_into_it() -> None:
         (rod(3e3, upright=True), None, "buckles under"),
         (rod(1e7), PullOptions(count=1, reach=0.05, stiffness=1e-3), "hardly move it"),
         (rod(1e7), PullOptions(count=1, reach=5.0, stiffness=1e6), "cells will invert"),
+        (rod(1e7), PullOptions(count=1, reach=0.05, stiffness=100.0, radius=0.2), "a grip of 200 mm holds "),
     ],
-    ids=["sensible", "heap", "buckled", "still", "torn"],
+    ids=["sensible", "heap", "buckled", "still", "torn", "embraced"],
 )
 def test_what_is_absurd_is_warned_of(scene: Scene, pulls: PullOptions | None, words: str | None) -> None:
-    warnings = [line for line in described(solid(scene), [pulls] if pulls else []) if line.startswith("warning")]
+    found = look_at(scene, pulls.radius if pulls else None)
+    assert found is not None
+    warnings = [line for line in described(found, [pulls] if pulls else []) if line.startswith("warning")]
     assert [words in line for line in warnings] == [True] if words else not warnings
 
 
@@ -101,3 +107,12 @@ def test_pins_that_let_a_solid_turn_are_told_and_stop_nothing() -> None:
     options = SnapshotOptions(motions=(MotionOptions(name="a", pulls=pulls),))
     assert solid_lines(loose, options)[0].startswith("warning: ")
     assert len(solid_lines(held, options)) >= 3
+
+
+def test_a_solid_whose_pins_hold_all_of_its_surface_is_told_and_stops_nothing() -> None:
+    mesh = beam(0.3, 0.05, 0.05, 2, cell_type="hex8")
+    held = replace(scene_of(mesh), pinned=np.isin(np.arange(mesh.n_vertices), surface_vertices(mesh)))
+    assert len(held.free)
+    options = SnapshotOptions(motions=(MotionOptions(name="a", pulls=PullOptions(count=1, reach=0.1)),))
+    (line,) = solid_lines(held, options)
+    assert line.startswith("warning: what the solid does at rest is not known: no vertex of the surface can move")

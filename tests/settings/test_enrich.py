@@ -119,19 +119,21 @@ def test_what_did_not_help_is_not_tried_again_and_coordinates_come_last() -> Non
     assert extended(settings, 14, 40, False, "train.r", helped=False)[1] == "train.r 18"
 
 
-def test_what_it_came_to_is_used_as_long_as_the_configuration_is_the_same(tmp_path: Path) -> None:
-    config = tmp_path / "part.yaml"
+def test_what_it_came_to_is_used_as_long_as_the_configuration_says_the_same(tmp_path: Path) -> None:
+    config, runs = tmp_path / "part.yaml", tmp_path / "runs"
     config.write_text(settings_of(CONTENT, "a test").dump(defaults=False), encoding="utf-8")
-    assert current(config) == config
+    assert current(config) == config and passed_over(config) == ""
     more, _ = extended(load_settings(config), 10, 40, poor_fit=False, last="", helped=True)
     place = write_enriched(config, more)
     assert place == tmp_path / "part.enriched.yaml" == current(config)
     assert load_settings(place) == more
-    text = config.read_text("utf-8")
-    config.write_text(f"{text}# another comment\n", encoding="utf-8")
+    config.write_text(f"# a comment\n{config.read_text('utf-8')}", encoding="utf-8")
     assert current(config) == place and passed_over(config) == ""
-    config.write_text(text.replace("thickness: 0.01", "thickness: 0.02"), encoding="utf-8")
-    assert current(config) == config and "is not used" in passed_over(config)
+    settings = load_settings(config)
+    config.write_text(settings.replace(train=settings.train.replace(r=7)).dump(defaults=False), encoding="utf-8")
+    assert current(config) == config
+    words = "note: part.enriched.yaml is of what part.yaml said before it was changed, and is not used"
+    assert passed_over(config) == words and planned(config, runs, None, None) == f"{words}\n"
     place.write_bytes(b"\xff\n")
     assert current(config) == config
     config.unlink()

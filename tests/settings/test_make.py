@@ -1,4 +1,4 @@
-"""The reduced step is compiled beside the stages that have none."""
+"""What makes a stage stale, and that the reduced step is compiled beside the stages that have none."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from typing import Any
 
 import pytest
 
-from ldsim.settings import make
+from ldsim.artefacts.store import Header
+from ldsim.run import Run
+from ldsim.settings import make, settings_of
+from tests.artefacts.examples import EXAMPLES
+from tests.settings.test_enrich import CONTENT
 
 
 class Process:
@@ -63,3 +67,15 @@ def test_it_is_not_begun_where_it_is_kept_from_before_or_where_no_stage_needs_it
     with make.compiled_ahead(notes.append) as before:
         before("mesh")
     assert notes == []
+
+
+def test_how_many_threads_share_out_the_poses_makes_no_cubature_stale(tmp_path: Path) -> None:
+    def reasons(**cubature: object) -> dict[str, str]:
+        settings = settings_of(CONTENT | {"cubature": cubature}, "a test")
+        return make.Staleness(Run(tmp_path), settings, tmp_path).reasons("cubature")
+
+    before = settings_of(CONTENT, "a test").cubature.dump()
+    header = Header("cubature", before, {}, 0, {"experiment": "part"})
+    EXAMPLES["cubature"].write(tmp_path / "cubature.h5", header)
+    assert reasons() == reasons(threads=1) == {}
+    assert reasons(threads=1, tolerance=0.5) == {"cubature": "tolerance changed"}

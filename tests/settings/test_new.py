@@ -93,7 +93,7 @@ def a_solid(**changes: object) -> Solid:
         "frequencies": np.array([5.0, 6.0, 20.0, 31.0, 33.0, 90.0]),
         "softness": np.array([0.001, 0.01, 0.02]),
         "strain": np.array([4.0, 5.0, 50.0]),
-        "held": np.array([0.01, 0.02, 0.02]),
+        "held": np.full(3, 0.1),
     }
     return Solid(**given | changes)  # type: ignore[arg-type]
 
@@ -196,6 +196,29 @@ def test_a_painted_surface_is_looked_at_as_a_surface(kind: str, tmp_path: Path) 
     file = WRITERS[kind](tmp_path, np.zeros(3), np.array([0.1, 0.2, 0.3]))
     assert any(line.startswith("surface: {file") for line in seen(file, tmp_path / "box.yaml", NewOptions()).lines)
     assert f"`ldsim new {file}`" in refused(CliRunner().invoke(main, ["make", str(file)]))
+
+
+@pytest.mark.parametrize(("stem", "name"), [("Ärmel 2", "rmel-2"), ("-a", "a"), (".é.b", "b"), ("球", "solid")])
+def test_a_name_begins_with_what_is_no_option_of_a_command(stem: str, name: str) -> None:
+    assert seen(None, Path(f"{stem}.yaml"), NewOptions(shape="beam")).name == name
+
+
+def test_a_surface_is_found_from_a_configuration_in_a_folder_that_is_a_link(tmp_path: Path) -> None:
+    file, link = WRITERS["glb"](tmp_path, np.zeros(3), np.array([0.1, 0.2, 0.3])), tmp_path / "link"
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    link.symlink_to(tmp_path / "far" / "away")
+    surface = seen(file, link / "box.yaml", NewOptions()).options.surface
+    assert surface is not None and (link / surface.file).samefile(file)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_a_flat_surface_is_refused_in_one_line(axis: str, tmp_path: Path) -> None:
+    corners = np.insert([[0, 0], [100, 0], [100, 50], [0, 50]], "xyz".index(axis), 7, axis=1)
+    file = tmp_path / "flat.obj"
+    file.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners.tolist()) + "f 1 2 3 4\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match=f"flat.obj is flat along {axis}; a solid is needed") as error:
+        seen(file, tmp_path / "flat.yaml", NewOptions())
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -226,3 +226,28 @@ def test_similar_solids_move_alike_however_small_they_are(scale: float) -> None:
 def test_what_is_stiffened_twice_is_stiffened_once() -> None:
     body = scene(beam())
     np.testing.assert_array_equal(FullStepper(body).stiffened(2.0).stiffened(3.0).scene.mu, 3.0 * body.mu)
+
+
+def test_a_solid_that_its_pins_carry_away_is_where_it_should_be_and_one_that_leaves_them_is_not() -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 1))
+    stepper, carried = FullStepper(body), np.full_like(body.mesh.vertices, 100 * body.mesh.diagonal)
+    assert stepper.within(FullState.moving(carried, carried), body.mesh.diagonal)
+    left = np.where(body.pinned[:, None], 0.0, carried)
+    assert not stepper.within(FullState.moving(left, left), body.mesh.diagonal)
+
+
+def test_a_run_that_is_lost_without_an_inverted_cell_says_how_far_the_solid_has_left_its_pins() -> None:
+    body = scene(beam(0.4, 0.1, 0.1, 1), "linear", youngs_modulus=1e-8, gravity=STILL)
+    stepper, left = FullStepper(body), body.mesh.vertices * [1e3, 0, 0]
+    with pytest.raises(SolverError, match="^frame 0: .*; the solid has left its pins by 400 m; use weaker loads"):
+        list(none_lost(stepper, simulate(stepper, Motion("away", 1), FullState.moving(left, left))))
+
+
+def test_after_a_factorisation_in_the_middle_of_a_step_the_next_step_tells_what_a_fresh_one_needs() -> None:
+    body, motion = pulled()
+    frames = list(simulate(FullStepper(body, FullOptions(factor_cost=10)), motion))
+    iterations = [frame.solution.iterations for frame in frames]
+    midway = [i for i in range(len(frames)) if iterations[i] > 10]
+    assert midway and all((frames[i].state.fresh_iterations, frames[i].state.excess) == (-1, 0) for i in midway)
+    after = [i + 1 for i in midway if iterations[i + 1] <= 10]
+    assert after and all(frames[i].state.fresh_iterations == iterations[i] for i in after)
