@@ -49,7 +49,7 @@ def portable(space: Space) -> tuple[Space, str]:
         return space, ""
     compliance = space.compliance.anchored()
     assert compliance.anchors is not None
-    middle, most = compliance.anchors.error(compliance.scene, compliance.at_rest)
+    middle, most = compliance.anchors.error(compliance.scene, compliance.local)
     words = f"; how far a grab sinks in is off by {middle:.1%}, at most {most:.1%}, of that"
     return replace(space, compliance=compliance), words if most > 1e-6 else ""
 
@@ -236,8 +236,8 @@ def _residual(compliance: Compliance | None, scene: Scene) -> Arrays:
         return {name: np.empty(0) for name in ("sag", "vertex_mass", "share")}
     anchors = compliance.anchored().anchors
     assert anchors is not None
-    dead = compliance.sag(np.zeros(3))
-    sag = np.stack([dead, *(compliance.sag(unit) - dead for unit in np.eye(3))], axis=2)
+    dead, weight = compliance.sags(local=True)
+    sag = np.concatenate([dead[:, :, None], weight], axis=2)
     return {"sag": _f8(sag), "vertex_mass": _f8(scene.vertex_mass), "share": _f8(anchors.weights)}
 
 

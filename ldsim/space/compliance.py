@@ -41,7 +41,7 @@ MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class Compliance:
-    """C of a scene and the coordinates V of a condensed space, less that of modes that swing beside them.
+    """C of a scene and the coordinates V of a condensed space, and what of it is beside modes that swing.
 
     Its factor is made when it is first needed; `sag` is a call that needs it.
     """
@@ -55,16 +55,17 @@ class Compliance:
         self._dents: dict[bytes, Dent] = {}
         self._fields: dict[bytes, Array] = {}
         self._last_bent: tuple[bytes, Array] | None = None
-        self._sags: tuple[Array, Array] | None = None
+        self._sags: list[tuple[Array, Array]] = []
 
     def of(self, force: Array) -> Array:
         """C f, (…, n, 3) metres, of forces (…, n, 3), N."""
-        if self.anchors is not None:
-            return self._softness * self.anchors.residual(force)
-        return self._softness * self.at_rest(force)
+        if self.anchors is None:
+            return self._softness * self.relaxation.residual(force)
+        kept = self.anchors.residual(force)
+        return self._softness * (kept if self.modes is None else kept + self.modes.moved(force))
 
-    def at_rest(self, force: Array) -> Array:
-        """C f of the solid that is not stiffened, without anchors, (…, n, 3) metres."""
+    def local(self, force: Array) -> Array:
+        """What of C f modes that swing have no part in, of the solid that is not stiffened, without anchors."""
         found = self.relaxation.residual(force)
         return found if self.modes is None else found - self.modes.moved(force)
 
@@ -78,7 +79,7 @@ class Compliance:
     def stiffened(self, scale: float) -> Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
         other = self._without_grabs()
-        other._softness, other._sags = self._softness / scale, None
+        other._softness, other._sags = self._softness / scale, []
         return other
 
     def anchored(self, anchors: Anchors | None = None) -> Compliance:
@@ -87,7 +88,7 @@ class Compliance:
             return self
         self.sag()
         other = self._without_grabs()
-        other.anchors = anchors or Anchors.of(self.scene, self.at_rest)
+        other.anchors = anchors or Anchors.of(self.scene, self.local)
         return other
 
     def _without_grabs(self) -> Compliance:
@@ -153,25 +154,35 @@ class Compliance:
         field: Array = self.fields(vertices) @ amounts @ A.T
         return field
 
-    def sag(self, gravity: Array | None = None) -> Array:
-        """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out."""
-        dead, weight = self.sags
+    def sag(self, gravity: Array | None = None, local: bool = False) -> Array:
+        """What weight and dead loads move, (n, 3) metres, under some gravity; the scene's where it is left out.
+
+        Args:
+            local: of that what modes that swing have no part in.
+        """
+        dead, weight = self.sags(local)
         return dead + weight @ (self.scene.gravity if gravity is None else gravity)
 
-    @property
-    def sags(self) -> tuple[Array, Array]:
+    def sags(self, local: bool = False) -> tuple[Array, Array]:
         """What dead loads move, (n, 3) metres, and unit gravity along each axis, (n, 3, 3) s²."""
-        if self._sags is None:
+        if not self._sags:
             dead = self.scene.force(np.zeros(3))
-            weights = self.at_rest(np.stack([self.scene.force(unit) - dead for unit in np.eye(3)]))
-            fields = self.at_rest(dead), weights.transpose(1, 2, 0)
-            self._sags = self._softness * fields[0], self._softness * fields[1]
-        return self._sags
+            forces = np.stack([dead, *(self.scene.force(unit) - dead for unit in np.eye(3))])
+            for moved in (self.relaxation.residual(forces), self.local(forces)):
+                self._sags.append((self._softness * moved[0], self._softness * moved[1:].transpose(1, 2, 0)))
+        return self._sags[local]
 
-    def between(self, held: Sequence[Indices]) -> Array:
-        """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N."""
+    def between(self, held: Sequence[Indices], local: bool = False) -> Array:
+        """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N.
+
+        Args:
+            local: of that what modes that swing have no part in.
+        """
         fields = [self.of_grab(vertices) for vertices in held]
         moved = np.block([[field[vertices].mean(axis=0) for field in fields] for vertices in held])
+        if local and self.modes is not None:
+            B = np.concatenate([self.modes.fields[vertices].mean(axis=0) for vertices in held])
+            moved -= self._softness * (B / self.modes.squares) @ B.T
         return np.asarray(0.5 * (moved + moved.T))
 
     def arms(self, vertices: Indices) -> Array:

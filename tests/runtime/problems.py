@@ -138,7 +138,7 @@ def with_linear_dents(material: str = "neo_hookean", modes: int = 0) -> Space:
 def anchored(space: Space, count: int = 30) -> Space:
     """A condensed space whose compliance is kept at fewer anchors than it has free vertices."""
     assert space.compliance is not None and count < len(space.scene.free) / 2
-    anchors = Anchors.of(space.scene, space.compliance.at_rest, count)
+    anchors = Anchors.of(space.scene, space.compliance.local, count)
     return replace(space, compliance=space.compliance.anchored(anchors))
 
 

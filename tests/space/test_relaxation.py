@@ -180,7 +180,8 @@ def test_springs_in_series_pull_as_the_compliance_of_the_turned_solid_lets_them(
     series, targets = InSeries.of(space, grabs, None), np.concatenate([grab.target for grab in grabs])
     series.target[:] = targets
     springs = Springs(np.zeros((2, 3, V.k)), np.zeros((2, 3)), np.zeros((2, 3)), np.ones(2))
-    warp_springs(series, ReducedStepper(space).compiled()[0], q, springs)
+    model, _, work = ReducedStepper(space).compiled()
+    warp_springs(series, model, q, springs, work)
     u = V.fields @ q
     by_hand = [warp((x + u).T @ space.compliance.arms(each)) for each in held]
     np.testing.assert_allclose(series.warps, by_hand, atol=1e-9)

@@ -57,8 +57,8 @@ class BatchedLoads(NamedTuple):
         series = None if self.series is None else self.series.of_instances(instances)
         return BatchedLoads._make([*(values[instances] for values in self.tensors), series])
 
-    def in_series(self, q: Tensor, swing: Swing | None = None) -> Pulled:
-        """What the grabs of a condensed space do at q, (n, k), in a step where modes swing.
+    def in_series(self, q: Tensor, swing: Swing | None = None, stepping: bool = True) -> Pulled:
+        """What the grabs of a condensed space do at q, (n, k), in a step where modes swing, or at q itself.
 
         An instance that has a number that is not finite gets springs that are not, so that its step is lost; the
         others, and their gradients, do not notice.
@@ -73,7 +73,8 @@ class BatchedLoads(NamedTuple):
         target, stiffness, gravity = (kept(each, 0.0) for each in (self.target, self.stiffness, self.gravity))
         if swing is not None:
             swing = Swing(*(kept(each, 0.0) for each in swing))
-        found = pulled(self.series, target, stiffness, gravity, 1 / kept(self.mu, 1.0), kept(q, 0.0), swing)
+        softness = 1 / kept(self.mu, 1.0)
+        found = pulled(self.series, target, stiffness, gravity, softness, kept(q, 0.0), swing, stepping)
         return Pulled(*(kept(each, torch.nan) for each in found))
 
     def serial(self, instance: int) -> Loads:
@@ -157,13 +158,17 @@ class BatchedModel:
             1 / scene.time_step**2,
         )
 
-    def swing(self, loads: BatchedLoads, predictor: Tensor) -> Swing:
-        """How modes move in a step; loads need not know a yet."""
+    def swing(self, loads: BatchedLoads, q: Tensor, predictor: Tensor) -> Swing | None:
+        """How modes move in a step from q, (n, k), where there are some; loads need not know a yet."""
+        if not len(self.squares):
+            return None
         squares = loads.mu[:, None] * self.squares
         gives = 1 / (squares + self.rate)
         follows, modes = squares * gives, len(self.squares)
         force = (loads.gravity @ self.weight + self.load)[:, -modes:]
-        return Swing(follows, gives, (1 - follows) * predictor[:, -modes:] + gives * force)
+        swung = (1 - follows) * predictor[:, -modes:] + gives * force
+        relaxed = self.decoder(q[:, : self.decoder.r])  # a condensed space decodes z to itself
+        return Swing(follows, gives, swung, 1 / squares, force / squares, relaxed)
 
     def _following(self, values: Tensor, loads: BatchedLoads) -> Tensor:
         """Values of all coordinates, (n, …, k), those of modes a times."""

@@ -213,7 +213,7 @@ class BatchedStepper:
         loads = loads._replace(change=loads.a - 2 * state.a + state.a_previous)
         predictor = 2 * state.q - state.q_previous
         before = _Before(state.z.detach(), state.z_previous.detach(), state.kept)
-        swing = self.model.swing(loads, predictor) if len(self.model.squares) else None
+        swing = self.model.swing(loads, state.q, predictor)
         if swing is not None:
             loads = loads._replace(follows=swing.follows)
         acting, pulled = self._in_series(loads, state.q, swing)
@@ -221,8 +221,8 @@ class BatchedStepper:
         _, q, kept, record = results[0]
         if q is None or z.requires_grad or swing is not None:
             q = self.model.decoder(z)
-        if swing is not None and pulled is not None and loads.series is not None:
-            q = self._swung(q, swing, pulled, loads.series)
+        if swing is not None and pulled is not None:
+            q = self._swung(q, swing, pulled)
         stayed = (record.reason == int(Reason.INFINITE_START))[:, None]
         q = torch.where(stayed, state.q.detach(), q)
         beside = None
@@ -246,12 +246,12 @@ class BatchedStepper:
         return springs._replace(stiffness=torch.ones_like(loads.stiffness)), found
 
     @staticmethod
-    def _swung(q: Tensor, swing: Swing, pulled: Pulled, series: BatchedSeries) -> Tensor:
+    def _swung(q: Tensor, swing: Swing, pulled: Pulled) -> Tensor:
         """Where modes come to at the end of a step, q = φ(z) else, (n, k)."""
         modes = swing.swung.shape[1]
         ways = pulled.target - pulled.centre - torch.einsum("ngik,nk->ngi", pulled.B, q)
         forces = torch.einsum("nij,nj->ni", pulled.forces, ways.flatten(1))
-        pull = torch.einsum("nim,ni->nm", series.B[..., -modes:], forces)
+        pull = torch.einsum("nim,ni->nm", pulled.turned, forces)
         moved = swing.follows * q[:, -modes:] + swing.swung + swing.gives * pull
         return torch.cat([q[:, :-modes], moved], dim=1)
 
@@ -265,15 +265,19 @@ class BatchedStepper:
         """What gravity and grabs move beside the coordinates of a condensed space, (n, v, 3) metres."""
         compliance, series, softness = self.space.compliance, loads.series, 1 / loads.mu
         assert compliance is not None and series is not None
-        dead, weight = (self.tensor(field[vertices]) for field in compliance.sags)
+        dead, weight = (self.tensor(field[vertices]) for field in compliance.sags(local=True))
         u = softness[:, None, None] * (torch.einsum("via,na->nvi", weight, loads.gravity) + dead)
-        found = loads.in_series(q)
+        swing = self.model.swing(loads, q, q)
+        found = loads.in_series(q, swing, stepping=False)
         made = found.amounts()
         for number, held in enumerate(series.held):
             dents = self.tensor(compliance.fields(held)[vertices])  # unit forces, and where they are there their pairs
             soft = torch.cat([softness[:, None].expand(-1, 3), softness[:, None].square().expand(-1, 6)], dim=1)
             amounts = ((soft[:, None] * made) * (series.which == number)[..., None])[..., : dents.shape[2]]
             u = u + torch.einsum("vaj,ngj,ngia->nvi", dents, amounts, found.warps)
+        if swing is not None:  # modes have so much of it already as they have moved
+            F = self.tensor(self.space.reduced_basis.fields[vertices][:, :, -len(self.space.squares) :])
+            u = u - torch.einsum("vim,nm->nvi", F, found.given)
         return u
 
     def _pieces(self, n: int) -> list[slice]:

@@ -49,7 +49,7 @@ class BatchedSeries(NamedTuple):
         """Those of the grabs of each instance."""
         assert space.compliance is not None
         n, most, k = len(grabs), max((len(each) for each in grabs), default=0), space.decoder.k
-        rest, sags = space.scene.mesh.vertices, space.compliance.sags
+        rest, sags = space.scene.mesh.vertices, space.compliance.sags()
         held: dict[int, Indices] = {}
         known: dict[tuple[int, ...], tuple[Array, ...]] = {}
         sizes = (3 * most, k), (3 * most,), (3 * most, 3 * most), (most, 3, 3, k), (most, space.r, 3, 3)
@@ -79,18 +79,25 @@ class BatchedSeries(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """How modes move in a step, y = follows x + swung + gives f (space/modes.py): (n, m) each, gives in s²."""
+    """How modes move in a step, y = follows x + swung + gives f (space/modes.py): (n, m) each, gives in s².
+
+    softness (n, m): ω⁻², s². sunk (n, m): how far weight has them. relaxed (n, k): φ(z) where the step begins.
+    """
 
     follows: Tensor
     gives: Tensor
     swung: Tensor
+    softness: Tensor
+    sunk: Tensor
+    relaxed: Tensor
 
 
 class Pulled(NamedTuple):
     """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3).
 
     And of each what its dent is made of: A (n, g, 3, 3), C^-½, D and N z as `Dent` has them, and Aᵀ f, (n, g, 3), N.
-    forces (n, 3g, 3g): what makes forces of the ways of the unit springs.
+    forces (n, 3g, 3g): what makes forces of the ways of the unit springs. turned (n, 3g, m), given (n, m): of modes
+    that swing, as `InSeries` has them.
     """
 
     B: Tensor
@@ -102,6 +109,8 @@ class Pulled(NamedTuple):
     coupled: Tensor
     force: Tensor
     forces: Tensor
+    turned: Tensor
+    given: Tensor
 
     def amounts(self) -> Tensor:
         """How much of each of `Compliance.fields` they make, (n, g, 9), N and N²."""
@@ -121,6 +130,7 @@ def pulled(
     softness: Tensor,
     q: Tensor,
     swing: Swing | None = None,
+    stepping: bool = True,
 ) -> Pulled:
     """See reduced/warped.py, which has the formulas.
 
@@ -128,9 +138,14 @@ def pulled(
         target: (n, g, 3), m. stiffness: (n, g), N/m, zero for no grab. gravity: (n, 3). softness: (n,), how much softer
             than the scene each solid is.
         q: where the step begins, (n, k).
-        swing: how modes move in it; None where there are none, and for what grabs do at q itself.
+        swing: how modes move in it; None where there are none.
+        stepping: whether the springs are those of a step; otherwise what grabs do at q itself.
     """
     n, g = stiffness.shape
+    modes = 0 if swing is None else swing.swung.shape[1]
+    strays = q[:, :0]
+    if swing is not None:
+        strays, q = q[:, -modes:] - swing.relaxed[:, -modes:] - swing.sunk, swing.relaxed
     soft = softness[:, None, None, None]
     root = series.root / soft.sqrt()
     A, R, inverse = warps(
@@ -143,7 +158,10 @@ def pulled(
     coupled = share[..., None, None] * coupled
 
     centre = series.centre + softness[:, None] * (series.dead + torch.einsum("nia,na->ni", series.weight, gravity))
+    held = series.B[..., series.B.shape[2] - modes :]
+    turned = torch.einsum("ngia,ngam->ngim", A, held.reshape(n, g, 3, modes)).flatten(1, 2)
     way = target.reshape(n, 3 * g) - centre - torch.einsum("nik,nk->ni", series.B, q)
+    way = way - torch.einsum("nim,nm->ni", turned, strays)
     between = soft[..., None] * series.compliance.reshape(n, g, 3, g, 3)
     # 1 + √K M √K in the place of 1/K + M: a grab that was let go has a stiffness of zero
     stiff = torch.where(stiffness > 0, stiffness, 1.0).sqrt() * (stiffness > 0)
@@ -169,25 +187,29 @@ def pulled(
         taken = _limit(root, bent)[..., None, None]
         aside = torch.einsum("ngia,ngab,ngb->ngi", A, 0.5 * taken**2 * bent, bodies).reshape(n, 3 * g)
         M, L, f = aimed(coupled + taken * bent, aside)
-    dents = (torch.einsum("nij,nj->ni", M, f) - aside).reshape(n, g, 3)
+    given = torch.einsum("nim,ni->nm", turned, f)
+    if swing is not None:
+        given = given * swing.softness
+    dents = torch.einsum("nij,nj->ni", M, f) - aside + torch.einsum("nim,nm->ni", turned, given)
+    dents = dents.reshape(n, g, 3)
 
     H = 0.75 * torch.einsum("ngbc,ngc,ngibk->ngik", inverse, dents, series.gradient)
     H = H - 0.25 * torch.einsum("ngbi,nga,ngabk->ngik", inverse, dents, series.gradient)
     changed = 0.5 * share[..., None, None] * torch.einsum("ngia,ngfab,ngb->ngif", A, coupling, bodies)
     H = (H + torch.nn.functional.pad(changed, (0, H.shape[3] - changed.shape[3]))).flatten(1, 2)
     base, levers = centre - torch.einsum("nik,nk->ni", H, q) - aside, series.B + H
-    if swing is not None:
-        modes = swing.swung.shape[1]
-        own, held = levers[..., -modes:], series.B[..., -modes:]
-        base = base + torch.einsum("nim,nm->ni", own, swing.swung)
-        levers = torch.cat([levers[..., :-modes], own * swing.follows[:, None]], dim=2)
-        M = M + torch.einsum("nim,nm,njm->nij", held, swing.gives, held)
+    if swing is not None and stepping:
+        base = base + torch.einsum("nim,nm->ni", turned, swing.swung - swing.sunk)
+        own = levers[..., -modes:] - (1 - swing.follows)[:, None] * turned
+        levers = torch.cat([levers[..., :-modes], own], dim=2)
+        M = M + torch.einsum("nim,nm,njm->nij", turned, swing.gives, turned)
         L, _ = torch.linalg.cholesky_ex(one + stiff[:, :, None] * M * stiff[:, None])
     rows = torch.cat([levers, base[:, :, None], target.reshape(n, 3 * g, 1)], dim=2)
     rows = torch.linalg.solve_triangular(L, stiff[:, :, None] * rows, upper=False).unflatten(1, (g, 3))
     own = torch.einsum("ngia,ngi->nga", A, f.reshape(n, g, 3))
     forces = torch.linalg.solve_triangular(L.transpose(1, 2), one.expand_as(L), upper=True) * stiff[:, :, None]
-    return Pulled(rows[..., :-2], rows[..., -2], rows[..., -1], A, root, second, coupled, own, forces)
+    springs = rows[..., :-2], rows[..., -2], rows[..., -1]
+    return Pulled(*springs, A, root, second, coupled, own, forces, turned, given)
 
 
 def _limit(root: Tensor, change: Tensor) -> Tensor:

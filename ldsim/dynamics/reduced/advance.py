@@ -52,16 +52,16 @@ def step_reference(
 @njit(cache=True, nogil=True)
 def warp(reference: StepReference, q: Array) -> None:
     """Warp the springs of a condensed space as it is at coordinates q, (k,)."""
-    model, springs, _, _, series = reference.content
+    model, springs, _, work, series = reference.content
     if len(series.softness) > 0:
-        warp_springs(series, model, q, springs)
+        warp_springs(series, model, q, springs, work)
 
 
 @njit(cache=True, nogil=True)
 def beside(reference: StepReference, q: Array, products: Array, amounts: Array) -> float:
     """The most that grabs move beside the coordinates of a condensed space at q, (k,), see `most_beside`."""
-    model, springs, _, _, series = reference.content
-    warp_springs(series, model, q, springs)
+    model, springs, _, work, series = reference.content
+    warp_springs(series, model, q, springs, work)
     return float(most_beside(series, products, amounts))
 
 
@@ -89,7 +89,7 @@ def advance(
         f, a = k - modes + j, reduced.follows[j]
         series.swung[j] = (1.0 - a) * (2.0 * q[f] - q_previous[f]) + reduced.gives[j] / a * reduced.force[f]
     if len(series.softness) > 0:
-        warp_springs(series, reduced, q, springs)
+        warp_springs(series, reduced, q, springs, work)
     z_new[:] = z
     H_new[:] = H
     predictor = q_new  # read as q̂ while the step runs; φ(z) takes its place afterwards

@@ -17,7 +17,7 @@ class InSeries(NamedTuple):
 
     Attributes:
         B, centre: c(q) = centre + B q of all centroids, (3g, k) and (3g,), metres.
-        compliance: B C Bᵀ at rest, (3g, 3g), m/N.
+        compliance: B C Bᵀ at rest, (3g, 3g), m/N, beside modes that swing.
         softness: of the springs, 1/k, (3g,).
         gradient: F = I + gradient q of the cells around each (`Compliance.arms`), (g, 3, 3, k).
         coupling, second, root: of `Dent`, (g, r, 3, 3), (g, 3, 3, 3) and (g, 3, 3).
@@ -33,6 +33,8 @@ class InSeries(NamedTuple):
         base: such that base + levers φ is the centre where modes are left to swing, less what is aside, (3g,), metres.
         pull, factor: L⁻ᵀ, which makes forces of the stretch of the unit springs, and L, (3g, 3g).
         swung: where modes go that nothing but their inertia and weight moves, less a times φ(z), (m,).
+        turned: A times the columns of B of modes, (3g, m). strays: how far modes are from where the relaxed pose and
+            their weight have them, (m,). given: how far grabs move them where nothing swings, (m,).
     """
 
     B: Array
@@ -60,6 +62,9 @@ class InSeries(NamedTuple):
     pull: Array
     factor: Array
     swung: Array
+    turned: Array
+    strays: Array
+    given: Array
 
     @classmethod
     def none(cls, k: int, modes: int = 0) -> InSeries:
@@ -81,7 +86,7 @@ class InSeries(NamedTuple):
         return cls(
             np.concatenate([U[vertices].mean(axis=0) for vertices in held]),
             centres(space, grabs, gravity),
-            compliance.between(held),
+            compliance.between(held, local=True),
             np.repeat([1 / grab.stiffness for grab in grabs], 3),
             np.stack(gradient),
             coupling,
@@ -104,4 +109,4 @@ def _written(count: int, k: int, modes: int) -> list[Array]:
     n = 3 * count
     matrices = [(count, 3, 3)] * 3
     shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n)
-    return [np.zeros(shape) for shape in (*shapes, (modes,))]
+    return [np.zeros(shape) for shape in (*shapes, (modes,), (n, modes), (modes,), (modes,))]

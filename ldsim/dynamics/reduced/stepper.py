@@ -182,11 +182,13 @@ class ReducedStepper:
         compliance = self.space.compliance
         if compliance is None:
             return np.zeros_like(self.scene.mesh.vertices)
-        u = compliance.sag(loads.gravity).copy()
+        u = compliance.sag(loads.gravity, local=True).copy()
         if not loads.grabs:
             return u
         for grab, (amounts, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
             u += compliance.fields(grab.vertices) @ amounts @ A.T
+        if modes := len(self.space.squares):  # these have so much of it already as they have moved
+            u -= self.space.reduced_basis.fields[:, :, -modes:] @ self._workspace().series.given
         return u
 
     def pulls(self, state: ReducedState) -> Array:
@@ -200,6 +202,7 @@ class ReducedStepper:
         """Of each grab of a condensed space `Dent.amounts`, and its warp A, (3, 3)."""
         workspace = self._workspace()
         workspace.grab(loads.grabs, loads.gravity)
+        self._base_force(loads.gravity, workspace)
         warp(workspace.reference, q)
         compliance, series = self.space.compliance, workspace.series
         assert compliance is not None
@@ -214,6 +217,7 @@ class ReducedStepper:
         if not loads.grabs:
             return sag
         workspace.grab(loads.grabs, loads.gravity)
+        self._base_force(loads.gravity, workspace)
         return sag + float(beside(workspace.reference, state.q, workspace.dents(), np.empty(9)))
 
     def coordinates(self, state: ReducedState) -> Array:

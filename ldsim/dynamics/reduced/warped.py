@@ -15,6 +15,15 @@ The spring holds the solid by the end of the dent x = A d that it makes, and A d
 on which the force turns and stretches the solid, H = ∂(A d)/∂q at fixed d. With L_j = ∂F/∂q_j F⁻¹, to first order in
 the stretch, ∂A/∂q_j = (skew L_j + ½ sym L_j) A, so H_j = (¾ L_j − ¼ L_jᵀ) x, and of N, whose energy is ½ fᵀ N z f, ½ A
 N_j Aᵀ f beside it.
+
+Modes that swing (space/modes.py) change nothing of that where they stand still: they have their part of C only as far
+as they have followed the force. With x what the relaxed pose φ(z) has of them, y what they are, and w what moves them
+besides, their weight, the centroid is where the law above has it, less what they have not done yet,
+
+    c = centre + B φ(z) + A d + A B (y − x − ω⁻² (w + (A B)ᵀ f))
+
+Here C, D and N are of the whole solid, and A is that of the relaxed pose. With y fixed a grab gives way by what modes
+have no part in, A (B C Bᵀ − B ω⁻² Bᵀ) Aᵀ, and within a step by A B g (A B)ᵀ more.
 """
 
 from __future__ import annotations
@@ -24,26 +33,29 @@ import math
 from ldsim.arrays import Array
 from ldsim.dynamics.reduced.in_series import InSeries
 from ldsim.dynamics.reduced.minimiser import cholesky
-from ldsim.dynamics.reduced.potential import Reduced, Springs
-from ldsim.jit import kernel
+from ldsim.dynamics.reduced.potential import Reduced, Springs, Work
+from ldsim.jit import copy, kernel
 from ldsim.mechanics.elastic import PAIRS
 from ldsim.mechanics.materials.tensors import Matrix, product_transposed, signed_svd
 from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, unturned
-from ldsim.space.decoder import REASSOCIATE
+from ldsim.space.decoder import REASSOCIATE, decode
 
 # Newton steps for the forces of bent laws.
 BENT_STEPS = 3
 
 
 @kernel()
-def warp_springs(series: InSeries, model: Reduced, q: Array, springs: Springs) -> None:
-    """Write the springs, and all else that the series says, for a state with coordinates q, (k,), and modes as `swung`.
+def warp_springs(series: InSeries, model: Reduced, coordinates: Array, springs: Springs, work: Work) -> None:
+    """Write the springs, and all else that the series says, for a state with coordinates (k,), and modes as `swung`.
 
     Their energy ½ pᵀ (diag(1/k) + A B C Bᵀ Aᵀ)⁻¹ p couples all grabs. With the Cholesky factor L of what is inverted it
     is ½ ‖L⁻¹ p‖²: springs of unit stiffness on L⁻¹ B, which the kernel of a step knows.
     """
+    _stray(series, model, coordinates, work)
+    q = work.q
     for g in range(series.warps.shape[0]):
         _warp(series, g, q)
+        _turn(series, g)
         if not series.linear:
             _couple(series, g, q)
     series.aside[:] = 0.0
@@ -53,13 +65,56 @@ def warp_springs(series: InSeries, model: Reduced, q: Array, springs: Springs) -
         for g in range(series.warps.shape[0]):
             _bend(series, g)
         _aim(series, q)
+    _give(series, model.squares)
     for g in range(series.warps.shape[0]):
-        _lever(series, model.follows, g, q)
+        _lever(series, model, g, q)
     if series.swung.shape[0] > 0:
         _swing(series, model.gives)
         _factorise(series)
     for i in range(series.softness.shape[0]):
         _combine(series, i, springs)
+
+
+@kernel()
+def _stray(series: InSeries, model: Reduced, coordinates: Array, work: Work) -> None:
+    """Leave φ(z) of a state in work.q, and how far its modes are from where that and their weight have them."""
+    modes = series.swung.shape[0]
+    if modes == 0:
+        copy(coordinates, work.q)
+        return
+    q, first = work.q, coordinates.shape[0] - modes
+    decode(model.layers, coordinates[: work.g.shape[0]], work.hidden, q)  # a condensed space decodes z to itself
+    for f in range(modes):
+        sunk = model.force[first + f] / (model.follows[f] * model.squares[f])
+        series.strays[f] = coordinates[first + f] - q[first + f] - sunk
+
+
+@kernel()
+def _turn(series: InSeries, g: int) -> None:
+    """A times the columns of B of modes, of one grab."""
+    A, B, modes = series.warps, series.B, series.swung.shape[0]
+    first = B.shape[1] - modes
+    for i in range(3):
+        for f in range(modes):
+            series.turned[3 * g + i, f] = (
+                A[g, i, 0] * B[3 * g, first + f]
+                + A[g, i, 1] * B[3 * g + 1, first + f]
+                + A[g, i, 2] * B[3 * g + 2, first + f]
+            )
+
+
+@kernel()
+def _give(series: InSeries, squares: Array) -> None:
+    """What grabs move of the modes where nothing swings, which is of the dents."""
+    turned, given = series.turned, series.given
+    for f in range(given.shape[0]):
+        given[f] = 0.0
+        for i in range(turned.shape[0]):
+            given[f] += turned[i, f] * series.forces[i]
+        given[f] /= squares[f]
+    for i in range(turned.shape[0]):
+        for f in range(given.shape[0]):
+            series.dents[i] += turned[i, f] * given[f]
 
 
 @kernel()
@@ -94,7 +149,10 @@ def most_beside(series: InSeries, products: Array, amounts: Array) -> float:
             for j in range(products.shape[1]):
                 square += amounts[i] * products[g, i, j] * amounts[j]
         total += math.sqrt(size * max(square, 0.0))
-    return total
+    square = 0.0
+    for f in range(series.given.shape[0]):
+        square += series.given[f] ** 2
+    return total + math.sqrt(square)
 
 
 @kernel()
@@ -130,11 +188,11 @@ def _soften(series: InSeries) -> None:
 def _swing(series: InSeries, gives: Array) -> None:
     """Within a step modes give way too, by what their mass lets them."""
     _soften(series)
-    first = series.B.shape[1] - gives.shape[0]
-    for i in range(series.B.shape[0]):
+    turned = series.turned
+    for i in range(turned.shape[0]):
         for j in range(i + 1):
             for f in range(gives.shape[0]):
-                series.factor[i, j] += series.B[i, first + f] * gives[f] * series.B[j, first + f]
+                series.factor[i, j] += turned[i, f] * gives[f] * turned[j, f]
 
 
 @kernel()
@@ -245,6 +303,8 @@ def _dent(series: InSeries, q: Array) -> None:
         way[i] = series.target[i] - series.centre[i]
         for f in range(q.shape[0]):
             way[i] -= series.B[i, f] * q[f]
+        for f in range(series.strays.shape[0]):
+            way[i] -= series.turned[i, f] * series.strays[f]
     for i in range(n):
         dents[i] = 0.0
         for j in range(i + 1):
@@ -257,8 +317,9 @@ def _dent(series: InSeries, q: Array) -> None:
 
 
 @kernel(fastmath=REASSOCIATE)
-def _lever(series: InSeries, follows: Array, g: int, q: Array) -> None:
+def _lever(series: InSeries, model: Reduced, g: int, q: Array) -> None:
     """B + H of one grab, and the centre such that at q nothing is moved but by what the tangent leaves out."""
+    follows, squares, force = model.follows, model.squares, model.force
     inverse, gradient, levers, k = series.inverses, series.gradient, series.levers, q.shape[0]
     x, y, z = series.dents[3 * g], series.dents[3 * g + 1], series.dents[3 * g + 2]
     first = k - follows.shape[0]
@@ -279,8 +340,9 @@ def _lever(series: InSeries, follows: Array, g: int, q: Array) -> None:
         for f in range(k):
             beside += (levers[row, f] - series.B[row, f]) * q[f]
         for f in range(follows.shape[0]):
-            beside -= levers[row, first + f] * series.swung[f]
-            levers[row, first + f] *= follows[f]
+            sunk = force[first + f] / (follows[f] * squares[f])
+            beside -= series.turned[row, f] * (series.swung[f] - sunk)
+            levers[row, first + f] -= (1.0 - follows[f]) * series.turned[row, f]
         series.base[row] = series.centre[row] - beside - series.aside[row]
 
 
@@ -301,7 +363,7 @@ def swing_on(series: InSeries, model: Reduced, springs: Springs, q: Array) -> No
         for j in range(i, series.softness.shape[0]):
             force += series.pull[i, j] * series.base[j]
         for f in range(modes):
-            q[first + f] += model.gives[f] * force * series.B[i, first + f]
+            q[first + f] += model.gives[f] * force * series.turned[i, f]
 
 
 @kernel()

@@ -88,7 +88,8 @@ class Workspace:
     def sag(self, gravity: Array | None) -> float:
         """How far weight moves a condensed solid beside its coordinates, in the mass norm, kg^½ m."""
         if self._sag is None or not _same_gravity(self._sag[0], gravity):
-            u = np.zeros((0, 3)) if self._space.compliance is None else self._space.compliance.sag(gravity)
+            compliance = self._space.compliance
+            u = np.zeros((0, 3)) if compliance is None else compliance.sag(gravity, local=True)
             self._sag = gravity, float(np.sqrt(np.vdot(u, self._space.scene.mass @ u))) if len(u) else 0.0
         return self._sag[1]
 

@@ -59,7 +59,8 @@ def warped(space: Space, loads: Loads, q: Array) -> tuple[InSeries, Springs]:
     series = InSeries.of(space, loads.grabs, loads.gravity)
     series.target[:] = loads.grabs[0].target
     springs = Springs(np.zeros((1, 3, len(q))), np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1))
-    warp_springs(series, ReducedStepper(space).compiled()[0], q, springs)
+    model, _, work = ReducedStepper(space).compiled()
+    warp_springs(series, model, q, springs, work)
     return series, springs
 
 
