@@ -1167,6 +1167,7 @@ typedef struct {
     double reach;         /* a bound of the mass-weighted norm of that field */
     /* and of a condensed model how the cells around it have turned and stretched: A = R U^1/2 of R U = I + gradient f */
     double warp[9], inverse[9], *gradient; /* A and the inverse of R U, row by row; gradient: (9, m) */
+    double *turned;                        /* A times how modes that swing move the centroid, (3, modes) */
 } grab;
 
 struct ldsim_solid {
@@ -1188,11 +1189,15 @@ struct ldsim_solid {
     /* where modes swing: how far each follows the decoder within a step and gives way to a force, and where it goes without
      * grabs, less what follows (modes,); and the root of what grabs meet within a step */
     double *follows, *gives, *swung, *swinging;
+    /* what is decoded at a state (m,), and how far modes are from where that and their weight have them (modes,) */
+    double *relaxed, *strays;
     double *weight, weighed[3]; /* load and weight under a gravity, (m,), and which */
     double *force, *lifted; /* load and weight, (m,); strain of moved pins, (blocks, 9, LANES) */
     /* scratch memory */
     double *hidden, *scratch, *tangents, *predictor, *offset, *pull, *lanes, *gradient, *gradient_new, *direction,
-        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *pulls, *tried, *arms, *touched;
+        *z_new, *jacobian, *product, *hessian, *turned, *stressed, *s, *y, *Hy, *joint, *inverse, *arms, *touched;
+    /* what grabs pull with, (max_grabs, 3), and behind it how far that moves modes where nothing swings, (max_grabs, modes) */
+    double *pulls, *tried;
     double *positions;
 };
 
@@ -1628,7 +1633,22 @@ static void warp_back(const double *A, const double *x, double *warped)
     for (int i = 0; i < 3; i++) warped[i] = A[i] * x[0] + A[3 + i] * x[1] + A[6 + i] * x[2];
 }
 
-/* u (3,) of one vertex at some moment, with what grabs pull it by then, (max_grabs, 3). */
+/* How far the pulls of one grab move modes where nothing swings, (modes,). */
+static double *given_by(const ldsim_solid *S, const double *pulls, int g)
+{
+    return (double *)pulls + 3 * (size_t)S->max_grabs + (size_t)g * S->model->modes;
+}
+
+static size_t pulls_size(const ldsim_solid *S) { return (size_t)S->max_grabs * (3 + (size_t)S->model->modes); }
+
+/* How far a row of modes moves by what is given, of a row of U. */
+static double modes_moved(const ldsim_model *M, size_t row, const double *given)
+{
+    const size_t first = row * M->m + M->own;
+    return M->basis64 ? dot(M->basis64 + first, given, M->modes) : dot_single(M->basis32 + first, given, M->modes);
+}
+
+/* u (3,) of one vertex at some moment, with what grabs pull by then, see `pulls`. */
 static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, const double *pulls, double *u)
 {
     const ldsim_model *M = S->model;
@@ -1657,6 +1677,13 @@ static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, 
         for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(S->grabs[g].warp + 3 * axis, moved);
     }
     for (int axis = 0; axis < 3; axis++) u[axis] += slack[axis] / S->scale;
+    /* the dent is of the whole solid, and modes have their part of it only as far as they have moved */
+    for (int g = 0; M->modes && g < S->max_grabs; g++) {
+        if (!S->grabs[g].id) continue;
+        double by[3];
+        for (int axis = 0; axis < 3; axis++) by[axis] = modes_moved(M, 3 * (size_t)v + axis, given_by(S, pulls, g));
+        for (int axis = 0; axis < 3; axis++) u[axis] += dot3(S->grabs[g].warp + 3 * axis, by) - by[axis];
+    }
 }
 
 static void displacement_of(const ldsim_solid *S, uint32_t v, double *u)
@@ -1710,7 +1737,7 @@ static void hold(ldsim_solid *S, int place, uint32_t id, const uint32_t *vertice
     g->id = id, g->count = count, g->released = 0;
     memmove(g->vertices, vertices, count * sizeof *vertices);
     zero(g->B, 3 * (size_t)m), zero(g->lifted, 3 * (size_t)l), zero(g->centre, 3), zero(g->sag, 12);
-    zero(g->load, M->anchors), zero(S->pulls + 3 * place, 3);
+    zero(g->load, M->anchors), zero(S->pulls + 3 * place, 3), zero(given_by(S, S->pulls, place), M->modes);
     const double share = 1.0 / count;
     for (uint32_t i = 0; i < count; i++) {
         for (int axis = 0; axis < 3; axis++) {
@@ -1767,6 +1794,15 @@ static void warp_grab(grab *g, const double *f, int m)
     }
 }
 
+static void turn_modes(const ldsim_model *M, grab *g)
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < M->modes; j++) {
+            const double *B = g->B + M->own + j;
+            g->turned[i * M->modes + j] = g->warp[3 * i] * B[0] + g->warp[3 * i + 1] * B[M->m] + g->warp[3 * i + 2] * B[2 * M->m];
+        }
+}
+
 /* block (3, 3) = A_p C A_q', with C what a force on grab q moves grab p by at rest, of both ways round the mean. */
 static void warped_pair(const ldsim_solid *S, int p, int q, double *block)
 {
@@ -1784,6 +1820,48 @@ static void warped_pair(const ldsim_solid *S, int p, int q, double *block)
         }
 }
 
+/* Load and weight of the features under the gravity of the next step. */
+static void weigh(ldsim_solid *S)
+{
+    const ldsim_model *M = S->model;
+    if (memcmp(S->weighed, S->gravity, sizeof S->weighed) == 0) return;
+    copy(S->weight, M->load, M->m), copy(S->weighed, S->gravity, 3);
+    add_product(M->unit_weight, S->gravity, S->weight, M->m, 3);
+}
+
+/* How far weight has mode j where nothing swings. */
+static double sunk(const ldsim_solid *S, int j)
+{
+    return S->weight[S->model->own + j] / (S->scale * S->model->squares[j]);
+}
+
+/* The features that the coordinates decode to where they are f, in which modes are where they are by now; of these is told
+ * how far they are from there. */
+static const double *relaxed(const ldsim_solid *S, const double *f)
+{
+    const ldsim_model *M = S->model;
+    if (!M->modes) return f;
+    double *x = S->relaxed + M->own;
+    copy(S->relaxed, f, M->own), zero(x, M->modes);
+    add_transposed(M->mode_columns, f, x, M->own, M->modes);
+    for (int j = 0; j < M->modes; j++) S->strays[j] = f[M->own + j] - x[j] - sunk(S, j);
+    return S->relaxed;
+}
+
+/* How far pulls move modes where nothing swings, behind them. */
+static void give(const ldsim_solid *S, double *pulls)
+{
+    const ldsim_model *M = S->model;
+    for (int g = 0; g < S->max_grabs; g++) {
+        double *given = given_by(S, pulls, g);
+        zero(given, M->modes);
+        if (!S->grabs[g].id) continue;
+        for (int axis = 0; axis < 3; axis++)
+            for (int j = 0; j < M->modes; j++) given[j] += pulls[3 * g + axis] * S->grabs[g].turned[axis * M->modes + j];
+        for (int j = 0; j < M->modes; j++) given[j] /= S->scale * M->squares[j];
+    }
+}
+
 /* c(f) of all grabs, centre + B f, with what weight and dead loads move. */
 static void centroids(const ldsim_solid *S, const double *f, double *found)
 {
@@ -1791,18 +1869,25 @@ static void centroids(const ldsim_solid *S, const double *f, double *found)
     for (int i = 0; i < 3 * S->g; i++) {
         const grab *g = S->grabs + S->order[i / 3];
         const double *sag = g->sag + 4 * (i % 3);
-        found[i] = g->centre[i % 3] + (sag[0] + dot3(sag + 1, S->gravity)) / S->scale + dot(g->B + (i % 3) * m, f, m);
+        const double *B = g->B + (i % 3) * m;
+        found[i] = g->centre[i % 3] + (sag[0] + dot3(sag + 1, S->gravity)) / S->scale + dot(B, f, m);
+        for (int j = 0; j < S->model->modes; j++) found[i] += B[S->model->own + j] * sunk(S, j);
     }
 }
 
 /* What the springs of a condensed model pull with where the features are f, Q p, grab by grab as they were taken, (3g,); and
- * of the way p from each centroid to its target what is not the stretch of its spring: the dent p - Q p / k, (3g,). */
+ * of the way p from each centroid to its target what is not the stretch of its spring: the dent p - Q p / k, (3g,), with
+ * what it is of modes that have not moved yet. */
 static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *pulls, double *dents)
 {
-    const int rows = 3 * S->g;
+    const int rows = 3 * S->g, modes = S->model->modes;
     double way[3 * LDSIM_MAX_GRABS], part[3 * LDSIM_MAX_GRABS];
-    centroids(S, f, way);
-    for (int i = 0; i < rows; i++) way[i] = S->grabs[S->order[i / 3]].target[i % 3] - way[i];
+    centroids(S, relaxed(S, f), way);
+    for (int i = 0; i < rows; i++) {
+        const grab *g = S->grabs + S->order[i / 3];
+        way[i] = g->target[i % 3] - way[i];
+        if (modes) way[i] -= dot(g->turned + i % 3 * modes, S->strays, modes);
+    }
     for (int i = 0; i < rows; i++) {
         part[i] = pulls[i] = 0.0;
         for (int j = i; j < rows; j++) part[i] += S->root[j * rows + i] * way[j];
@@ -1810,6 +1895,12 @@ static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j <= i; j++) pulls[i] += S->root[i * rows + j] * part[j];
         dents[i] = way[i] - pulls[i] / S->grabs[S->order[i / 3]].stiffness;
+    }
+    for (int j = 0; j < modes; j++) {
+        double given = 0.0;
+        for (int i = 0; i < rows; i++) given += pulls[i] * S->grabs[S->order[i / 3]].turned[i % 3 * modes + j];
+        given /= S->scale * S->model->squares[j];
+        for (int i = 0; i < rows; i++) dents[i] += given * S->grabs[S->order[i / 3]].turned[i % 3 * modes + j];
     }
 }
 
@@ -1850,13 +1941,17 @@ static void aim_springs(ldsim_solid *S, const double *f)
     if (!condensed) return;
     const double *root = M->modes ? S->swinging : S->root;
     find_pulls_and_dents(S, f, pulls, dents);
-    centroids(S, f, centre);
+    const double *pose = relaxed(S, f);
+    centroids(S, pose, centre);
     for (int i = 0; i < S->g; i++)
-        add_lever(S->grabs + S->order[i], f, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
+        add_lever(S->grabs + S->order[i], pose, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
     for (int i = 0; i < rows; i++) {
+        const double *turned = S->grabs[S->order[i / 3]].turned + i % 3 * M->modes;
         double *swinging = B + (size_t)i * m + M->own;
-        centre[i] += dot(swinging, S->swung, M->modes);
-        for (int j = 0; j < M->modes; j++) swinging[j] *= S->follows[j];
+        for (int j = 0; j < M->modes; j++) {
+            centre[i] += turned[j] * (S->swung[j] - sunk(S, j));
+            swinging[j] -= (1.0 - S->follows[j]) * turned[j];
+        }
     }
     for (int i = 0; i < rows; i++) {
         S->target[i] = S->centre[i] = 0.0;
@@ -1878,8 +1973,8 @@ static void soften_by_modes(ldsim_solid *S)
     copy(S->joint, S->swinging, (size_t)rows * rows);
     for (int i = 0; i < rows; i++)
         for (int j = 0; j < rows; j++) {
-            const double *here = S->grabs[S->order[i / 3]].B + (i % 3) * M->m + M->own;
-            const double *there = S->grabs[S->order[j / 3]].B + (j % 3) * M->m + M->own;
+            const double *here = S->grabs[S->order[i / 3]].turned + i % 3 * M->modes;
+            const double *there = S->grabs[S->order[j / 3]].turned + j % 3 * M->modes;
             for (int e = 0; e < M->modes; e++) S->joint[i * rows + j] += here[e] * S->gives[e] * there[e];
         }
     invert(S->joint, S->swinging, rows);
@@ -1894,8 +1989,10 @@ static void make_springs(ldsim_solid *S, const double *f)
     order_grabs(S);
     const int rows = 3 * S->g;
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
+    if (M->modes) weigh(S);
+    const double *pose = relaxed(S, f);
     for (int i = 0; M->anchors && i < S->max_grabs; i++)
-        if (S->grabs[i].id) warp_grab(S->grabs + i, f, M->m);
+        if (S->grabs[i].id) warp_grab(S->grabs + i, pose, M->m), turn_modes(M, S->grabs + i);
     if (M->anchors && S->g) {
         double block[9];
         for (int i = 0; i < S->g; i++)
@@ -1913,13 +2010,14 @@ static void make_springs(ldsim_solid *S, const double *f)
     S->renewed_springs = 1;
 }
 
-/* What the springs of a condensed model pull with where the features are f: (max_grabs, 3). */
+/* What the springs of a condensed model pull with where the features are f, see `pulls`. */
 static void find_pulls(const ldsim_solid *S, const double *f, double *pulls)
 {
     double ordered[3 * LDSIM_MAX_GRABS], dents[3 * LDSIM_MAX_GRABS];
     zero(pulls, 3 * (size_t)S->max_grabs);
     find_pulls_and_dents(S, f, ordered, dents);
     for (int i = 0; i < 3 * S->g; i++) pulls[3 * S->order[i / 3] + i % 3] = ordered[i];
+    give(S, pulls);
 }
 
 static grab *find_grab(const ldsim_solid *S, uint32_t id)
@@ -2040,6 +2138,12 @@ int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
         slack[axis] += g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
         centroid[axis] += slack[axis] / S->scale;
     }
+    for (int j = 0; M->modes && j < S->max_grabs; j++) {
+        double by[3];
+        if (!S->grabs[j].id) continue;
+        for (int axis = 0; axis < 3; axis++) by[axis] = dot(g->B + axis * M->m + M->own, given_by(S, S->pulls, j), M->modes);
+        for (int axis = 0; axis < 3; axis++) centroid[axis] += dot3(S->grabs[j].warp + 3 * axis, by) - by[axis];
+    }
     return LDSIM_OK;
 }
 
@@ -2121,8 +2225,12 @@ static int out_of_bounds(ldsim_solid *S, const moment *at)
     if (!M->anchors || !finite_number(norm)) return !within(M, norm);
     find_pulls(S, at->f, pulls);
     for (int i = 0; i < 3; i++) beside += M->sag_reach[1 + i] * fabs(at->gravity[i]);
-    for (int g = 0; g < S->max_grabs; g++)
-        if (S->grabs[g].id) beside += S->grabs[g].reach * dot(S->grabs[g].warp, S->grabs[g].warp, 9) * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
+    for (int g = 0; g < S->max_grabs; g++) {
+        if (!S->grabs[g].id) continue;
+        const double turn = dot(S->grabs[g].warp, S->grabs[g].warp, 9), *given = given_by(S, pulls, g);
+        beside += S->grabs[g].reach * turn * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
+        beside += S->scale * (1.0 + sqrt(turn)) * sqrt(dot(given, given, M->modes));
+    }
     if (within(M, norm + beside / S->scale)) return 0;
     if (S->g) make_springs(S, at->f), find_pulls(S, at->f, pulls), S->renewed_springs = 0;
     return !within(M, whole_norm(S, at, pulls));
@@ -2177,7 +2285,7 @@ static void swing_on(ldsim_solid *S, double *f)
     for (int i = 0; i < rows; i++) stretch[i] = S->target[i] - S->centre[i] - dot(S->B + (size_t)i * m, f, m);
     for (int j = 0; j < M->modes; j++) modes[j] = S->follows[j] * modes[j] + S->swung[j];
     for (int i = 0; i < rows; i++) {
-        const double *B = S->grabs[S->order[i / 3]].B + (i % 3) * m + M->own;
+        const double *B = S->grabs[S->order[i / 3]].turned + i % 3 * M->modes;
         double force = 0.0;
         for (int j = 0; j <= i; j++) force += S->swinging[i * rows + j] * stretch[j];
         for (int j = 0; j < M->modes; j++) modes[j] += S->gives[j] * force * B[j];
@@ -2189,10 +2297,7 @@ static solution try_step(ldsim_solid *S, const moment *from, moment *to)
 {
     const ldsim_model *M = S->model;
     const int r = M->r, m = M->m, l = M->moved;
-    if (memcmp(S->weighed, S->gravity, sizeof S->weighed) != 0) {
-        copy(S->weight, M->load, m), copy(S->weighed, S->gravity, 3);
-        add_product(M->unit_weight, S->gravity, S->weight, m, 3);
-    }
+    weigh(S);
     copy(S->force, S->weight, m);
     for (int j = 0; j < m; j++) S->predictor[j] = 2.0 * from->f[j] - from->f_before[j];
     for (int j = 0; j < M->modes; j++) {
@@ -2274,7 +2379,7 @@ static int find_softer(ldsim_solid *S)
     copy_renewed(S, &S->now, &S->start);
     swap_loads(S), make_springs(S, S->now.f), find_pulls(S, S->now.f, S->tried), swap_loads(S);
     if (within(M, whole_norm(S, &S->start, S->tried))) return 1;
-    zero(S->tried, 3 * (size_t)S->max_grabs), zero(S->start.gravity, 3);
+    zero(S->tried, pulls_size(S)), zero(S->start.gravity, 3);
     memset(S->start.held, 0, sizeof S->start.held), S->start.rows = 0;
     if (within(M, whole_norm(S, &S->start, S->tried))) return 1;
     zero(S->start.z, S->moment_size), identity(S->start.H, M->r);
@@ -2289,7 +2394,7 @@ int ldsim_set_stiffness(ldsim_solid *S, double scale)
     scale_by(S, scale);
     const int fine = !S->model->anchors || find_softer(S);
     if (!fine) scale_by(S, before);
-    else if (S->model->anchors) take(S, &S->start), copy(S->pulls, S->tried, 3 * (size_t)S->max_grabs);
+    else if (S->model->anchors) take(S, &S->start), copy(S->pulls, S->tried, pulls_size(S));
     else S->now.usable = 0;
     if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the warps */
     else S->renewed_springs = 0;
@@ -2385,9 +2490,10 @@ static uint64_t lay_out(ldsim_solid *S, double *block)
         g->vertices = (uint32_t *)(void *)cut(at, &total, (n + 1) / 2);
         g->B = cut(at, &total, 3 * m), g->lifted = cut(at, &total, 3 * l), g->load = cut(at, &total, a);
         g->field = cut(at, &total, 9 * a), g->gradient = cut(at, &total, a ? 9 * m : 0);
+        g->turned = cut(at, &total, 3 * w);
     }
     S->compliance = cut(at, &total, a ? 9 * most * most : 0);
-    S->pulls = cut(at, &total, rows), S->tried = cut(at, &total, rows);
+    S->pulls = cut(at, &total, pulls_size(S)), S->tried = cut(at, &total, pulls_size(S));
     S->B = cut(at, &total, rows * m), S->centre = cut(at, &total, rows), S->target = cut(at, &total, rows);
     S->stiffness = cut(at, &total, most), S->root = cut(at, &total, rows * rows);
     S->joint = cut(at, &total, rows * rows), S->inverse = cut(at, &total, rows * m);
@@ -2395,6 +2501,7 @@ static uint64_t lay_out(ldsim_solid *S, double *block)
     S->weight = cut(at, &total, m);
     S->follows = cut(at, &total, w), S->gives = cut(at, &total, w), S->swung = cut(at, &total, w);
     S->swinging = cut(at, &total, w ? rows * rows : 0);
+    S->relaxed = cut(at, &total, w ? m : 0), S->strays = cut(at, &total, w);
     S->hidden = cut(at, &total, M->hidden), S->scratch = cut(at, &total, work);
     S->predictor = cut(at, &total, m), S->offset = cut(at, &total, m), S->pull = cut(at, &total, m);
     S->product = cut(at, &total, m * wide), S->lanes = cut(at, &total, LANES * (size_t)M->n.mapped);
@@ -2613,6 +2720,6 @@ int ldsim_restore(ldsim_solid *S, const void *state, size_t size)
         copy(S->pulls + 3 * place, head.grabs[j].pull, 3);
         g->stiffness = head.grabs[j].stiffness, g->released = head.grabs[j].released != 0;
     }
-    if (S->model->anchors) make_springs(S, S->now.f); /* what is read next needs the warps */
+    if (S->model->anchors) make_springs(S, S->now.f), give(S, S->pulls); /* what is read next needs the warps */
     return LDSIM_OK;
 }
