@@ -210,6 +210,7 @@ def rest_compliance(stiffness: Array, decoder: Decoder, z: Array) -> Array:
         (r, r) float64. Directions softer than 1e-12 of the stiffest count as that stiff.
     """
     average = np.zeros((decoder.r, decoder.r))
+    z = z[:1] if decoder.is_identity else z
     for row in z:
         J = decoder.jacobian(row)
         average += J.T @ stiffness @ J / len(z)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
+from scipy.spatial import cKDTree
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.training import TrainingStore
@@ -64,7 +64,8 @@ class ChosenPoses:
         some = [displacement(int(number)).astype(np.float64) for number in rng.permutation(len(z))[:TYPICAL]]
         energies = np.array([add_elastic_gradient(relaxation.scene.elements, u, 0 * u) for u in some])
         # a synthetic pose may be inverted somewhere, where some materials have infinite energy
-        self._typical = float(energies[np.isfinite(energies)].sum() / len(energies))
+        finite = energies[np.isfinite(energies)]
+        self._typical = float(finite.mean()) if len(finite) else 0.0
 
     @property
     def wanted(self) -> int:
@@ -142,7 +143,7 @@ def farthest_points(y: Array, count: int, beside: Array | None = None) -> Indice
     """Numbers of `count` rows of y, (N, r): each the farthest from rest, y = 0, from `beside` and those before it."""
     distance, chosen = np.linalg.norm(y, axis=1), np.empty(count, dtype=np.int64)
     if beside is not None and len(beside):
-        distance = np.minimum(distance, cdist(y, beside).min(axis=1))
+        distance = np.minimum(distance, cKDTree(beside).query(y)[0])  # all distances at once would not fit in memory
     for i in range(count):
         chosen[i] = distance.argmax()
         distance = np.minimum(distance, np.linalg.norm(y - y[chosen[i]], axis=1))

@@ -40,7 +40,7 @@ def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, 
     frames = sum(run.snapshots.frames(name) for names in roles.values() for name in names)
     with progress.bar("train: do modes swing", 2 * frames, "frame") as bar:
         errors = [[online_error(run, each, names, bar.update) for names in roles.values()] for each in (space, other)]
-    best = other if math.prod(errors[1]) < WORTH ** len(roles) * math.prod(errors[0]) else space
+    best = other if _clearly_less(errors[1], errors[0]) else space
     words = "swing" if best is other else "are kept from swinging"
     off = ", ".join(
         f"{_words(swung)} on {role} motions where they swing, {_words(kept)} where not"
@@ -48,6 +48,12 @@ def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, 
     )
     progress.tell(f"note: {count} modes beside the coordinates {words}: {off}")
     return best
+
+
+def _clearly_less(swung: Sequence[float], kept: Sequence[float]) -> bool:
+    """By the roles of which not both are lost."""
+    pairs = [(s, k) for s, k in zip(swung, kept, strict=True) if min(s, k) < math.inf]
+    return bool(pairs) and math.prod(s for s, _ in pairs) < WORTH ** len(pairs) * math.prod(k for _, k in pairs)
 
 
 def _words(error: float) -> str:

@@ -150,7 +150,7 @@ class Relaxation:
         scene, x = self.scene, guess.ravel().copy()
         inverse, size, made_anew = near.turned(guess), math.inf, True
         renewed = 0, math.inf  # in which iteration, and the forces that were left
-        # forces of the size of K₀ times a hundred-thousandth of the solid, over all of its unknowns
+        # forces of the size of K₀ times a tiny share of the solid, over all of its unknowns
         tolerance = TOLERANCE * self._size * scene.mesh.diagonal
 
         def objective(u: Array, gradient: Array) -> float:
@@ -318,6 +318,8 @@ class _Constrained:
             x[left] += length * direction[left]
             residual[left] -= length * relaxation.without_multiplier(image)
             before[left] = now
+        else:
+            raise SolverError(f"the tangents of a condensed pose are not known after {MAX_ITERATIONS} iterations")
         return x
 
     def solve(self, right: Array) -> Array:
