@@ -135,6 +135,21 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
     assert "2.2 % off on train motions where they swing, 2 % off where not" in line
 
 
+@pytest.mark.parametrize(
+    ("swung", "kept", "better"),
+    [
+        ((np.inf, 0.01), (np.inf, 0.02), True),
+        ((np.inf, 0.01), (0.5, 0.02), False),
+        ((0.01, 0.5), (0.02, np.inf), True),
+        ((np.inf, np.inf), (np.inf, np.inf), False),
+    ],
+)
+def test_a_role_that_is_lost_both_ways_tells_nothing(
+    swung: tuple[float, float], kept: tuple[float, float], better: bool
+) -> None:
+    assert swing._clearly_less(swung, kept) == better
+
+
 def test_how_far_a_space_is_off_is_told_of_all_frames_together(condensed: Experiment) -> None:
     with Run(condensed.run) as run:
         space = replace(run.space("latent"), rule=run.model.potential)
