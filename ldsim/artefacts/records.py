@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -222,6 +223,9 @@ def read_cubature(path: Path, sizes: Mapping[str, int] | None = None) -> tuple[d
         if lacking:
             name = f"{lacking[0]}/path_points"
             raise ArtefactError(f"{path} lacks the dataset {name!r}; it is damaged, delete it and run make")
+        other = [space for space in file if not re.fullmatch(r"latent|linear(_[1-9]\d{0,8})?", space)]
+        if other:
+            raise ArtefactError(f"{path} has rules of {other[0]!r}, which is no space; delete it and run make")
         spaces = {space: _rule_path(file[space]) for space in file}
         return spaces, read_header(file)
 

@@ -368,3 +368,12 @@ def test_what_another_program_is_writing_is_said_to_be_that_perhaps(tmp_path: Pa
         file["gravity"][1] = -1.0
         file.flush()
         assert "is damaged, or another program has it open to write (" in refusal(EXAMPLES["scene"], path)
+
+
+@pytest.mark.parametrize("name", ["other", "linear_x", "linear_0"])
+def test_rules_of_what_is_no_space_are_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "cubature.h5"
+    EXAMPLES["cubature"].write(path, header("cubature"))
+    with changed(path) as file:
+        file.copy("linear", name)
+    assert f"has rules of {name!r}, which is no space" in refusal(EXAMPLES["cubature"], path)
