@@ -49,7 +49,9 @@ def _error(report: RunNumbers, runs: list[FrontierRun]) -> tuple[float | None, s
     statement = report.statement
     if states(statement) and report.space in ("latent", "linear"):
         share, sure = (f"{100 * (each or 0):.3g} %" for each in (statement.quantile, statement.confidence))
-        return statement[report.space].error, f"of how far they move it in {share} of fresh motions ({sure} confidence)"
+        return statement[
+            report.space
+        ].error, f"of how far fresh motions move it, in {share} of them ({sure} confidence)"
     errors = [run.online_error for run in runs]
     if not errors or any(error is None for error in errors):
         return None, ""

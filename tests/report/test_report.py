@@ -402,7 +402,7 @@ def test_a_verdict_by_the_statement_names_the_share_of_motions_and_the_confidenc
     report = example_report()
     report["statement"] |= {"quantile": 0.995, "confidence": 0.996}
     assert (
-        "within 4.63 % of how far they move it in 99.5 % of fresh motions (99.6 % confidence)"
+        "within 4.63 % of how far fresh motions move it, in 99.5 % of them (99.6 % confidence)"
         in verdict(RunNumbers.model_validate(report)).why
     )
 
