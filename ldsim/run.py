@@ -337,7 +337,7 @@ def latent_space(scene: Scene, basis: Basis, model: StoredModel) -> Space:
     if model.columns is None:
         return Space.latent(scene, basis, networks)
     columns = Basis.of(model.columns, basis.metric)
-    return Space.condensed(scene, columns, networks, CubatureRule.every(scene), model.squares)
+    return Space.condensed(scene, columns, networks, CubatureRule.every(scene), model.squares, model.turns)
 
 
 class Stage:

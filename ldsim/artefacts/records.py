@@ -107,6 +107,7 @@ class StoredModel:
         columns: the basis of a condensed space, (3n, k): V, the features of V_eff as zeros, and the slaved part.
         potential: the virtual points of V_eff, of a condensed space.
         squares: ω² of the last columns, (m,) 1/s², which are modes that swing beside the coordinates.
+        turns: whether what these have of a dent turns with the place that is held.
     """
 
     decoder: Decoder
@@ -121,6 +122,7 @@ class StoredModel:
     columns: Array | None = None
     potential: CubatureRule | None = None
     squares: Array | None = None
+    turns: bool = False
 
     @property
     def condensed(self) -> bool:
@@ -142,6 +144,7 @@ def write_model(path: Path, header: Header, model: StoredModel) -> None:
     """Write model.h5; the activation goes into the header's notes."""
     names = ("loss", "search", "search_own", "errors", "kp", "best_epoch", "columns", "squares")
     datasets = {"skip": model.decoder.skip} | {name: getattr(model, name) for name in names}
+    datasets["turns"] = model.turns if model.squares is not None else None
     if model.potential is not None:
         rule = model.potential
         datasets |= {"potential/points": rule.points, "potential/weights": rule.weights}
@@ -174,6 +177,7 @@ def read_model(path: Path) -> tuple[StoredModel, Header]:
             optional(file, "columns"),
             _potential(file["potential"]) if "potential" in file else None,
             optional(file, "squares"),
+            bool("turns" in file and file["turns"][()]),
         )
         return model, header
 

@@ -162,6 +162,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("encoder/biases_*", "f8", ("o",), "", "of each layer"),
         Dataset("columns", "f8", ("d", "k"), "", "basis of a condensed space, d = 3n: V, features, slaved part", True),
         Dataset("squares", "f8", ("w",), "1/s²", "ω² of the last columns, modes that swing beside z", True),
+        Dataset("turns", "?", (), "", "whether what these have of a dent turns with the place that is held", True),
         Dataset("potential/points", "i8", ("v",), "", "quadrature points whose moduli the virtual points have", True),
         Dataset("potential/weights", "f8", ("v",), "m³", "of the virtual points of V_eff, > 0", True),
         Dataset("potential/maps", "f8", ("v", 9, "k"), "1/m", "their strain maps ∂F/∂q, F row by row", True),

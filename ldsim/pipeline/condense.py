@@ -270,4 +270,5 @@ def _stored(run: Run, space: Space, loss: Array, z: Array) -> StoredModel:
         columns=basis.matrix,
         potential=space.rule,
         squares=space.squares if len(space.squares) else None,
+        turns=space.turns,
     )

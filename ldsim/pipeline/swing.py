@@ -29,31 +29,39 @@ WORTH = 0.9
 def better_swinging(run: Run, space: Space, relaxation: Relaxation, count: int, progress: Progress) -> Space:
     """A condensed space, or the same one with its slowest modes let swing, whichever is clearly less off.
 
-    A solid that bends far turns its modes, which swing as at rest: it may be better off without. The motions of either
-    role say so, in the geometric mean, for none of them was fitted to: a condensed space learns from relaxed poses.
+    A solid that bends far turns its modes, which swing as at rest: it may be better off without. And what they have of
+    a dent may turn with the place that is held, as of an arm that turns at its pins, or not, as of a trunk that bends
+    all along. The motions of either role say so, in the geometric mean, for none of them was fitted to: a condensed
+    space learns from relaxed poses.
     """
     count = min(count, 3 * len(run.scene.free) - space.r - 2)
     if count < 1:
         return space
-    other = swinging(space, slowest_modes(relaxation, count))
+    modes = slowest_modes(relaxation, count)
+    tried = [space, *(swinging(space, modes._replace(turns=turns)) for turns in (True, False))]
     roles = {role: names for role in ("train", "validation") if (names := run.snapshots.with_role(role))}
     frames = sum(run.snapshots.frames(name) for names in roles.values() for name in names)
-    with progress.bar("train: do modes swing", 2 * frames, "frame") as bar:
-        errors = [[online_error(run, each, names, bar.update) for names in roles.values()] for each in (space, other)]
-    best = other if _clearly_less(errors[1], errors[0]) else space
-    words = "swing" if best is other else "are kept from swinging"
+    with progress.bar("train: do modes swing", len(tried) * frames, "frame") as bar:
+        errors = [[online_error(run, each, names, bar.update) for names in roles.values()] for each in tried]
+    swung = 2 if _less(errors[2], errors[1]) else 1
+    best = swung if _less(errors[swung], errors[0], WORTH) else 0
+    words = "swing" if best else "are kept from swinging"
     off = ", ".join(
-        f"{_words(swung)} on {role} motions where they swing, {_words(kept)} where not"
-        for role, kept, swung in zip(roles, *errors, strict=True)
+        f"{_words(error)} on {role} motions where they swing, {_words(kept)} where not"
+        for role, kept, error in zip(roles, errors[0], errors[swung], strict=True)
     )
-    progress.tell(f"note: {count} modes beside the coordinates {words}: {off}")
-    return best
+    how = "turns" if tried[swung].turns else "does not turn"
+    progress.tell(
+        f"note: {count} modes beside the coordinates {words}: {off}; what they have of a dent {how} with the place "
+        "that is held"
+    )
+    return tried[best]
 
 
-def _clearly_less(swung: Sequence[float], kept: Sequence[float]) -> bool:
-    """By the roles of which not both are lost."""
-    pairs = [(s, k) for s, k in zip(swung, kept, strict=True) if min(s, k) < math.inf]
-    return bool(pairs) and math.prod(s for s, _ in pairs) < WORTH ** len(pairs) * math.prod(k for _, k in pairs)
+def _less(one: Sequence[float], other: Sequence[float], share: float = 1.0) -> bool:
+    """Whether errors are less than a share of others, by the roles of which not both are lost."""
+    pairs = [pair for pair in zip(one, other, strict=True) if min(pair) < math.inf]
+    return bool(pairs) and math.prod(a for a, _ in pairs) < share ** len(pairs) * math.prod(b for _, b in pairs)
 
 
 def _words(error: float) -> str:
@@ -92,5 +100,5 @@ def swinging(space: Space, modes: Modes) -> Space:
     maps[:, :, :first] = rule.maps[:, :, :first]
     networks = decoder.times(change), Encoder((np.eye(k, r),), (np.zeros(r),))
     return Space.condensed(
-        space.scene, Basis.of(columns, basis.metric), networks, replace(rule, maps=maps), modes.squares
+        space.scene, Basis.of(columns, basis.metric), networks, replace(rule, maps=maps), modes.squares, modes.turns
     )

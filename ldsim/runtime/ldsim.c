@@ -620,7 +620,7 @@ typedef struct {
 } counts;
 
 typedef struct {
-    double time_step, gravity[3], tolerance, mass, diagonal, stiffness, radius, reach, threshold, unused;
+    double time_step, gravity[3], tolerance, mass, diagonal, stiffness, radius, reach, threshold, turns;
 } numbers;
 
 #define HEADER_SIZE 256
@@ -1633,6 +1633,9 @@ static void warp_back(const double *A, const double *x, double *warped)
     for (int i = 0; i < 3; i++) warped[i] = A[i] * x[0] + A[3 + i] * x[1] + A[6 + i] * x[2];
 }
 
+/* Whether what modes that swing have of a dent turns with the place that is held. */
+static int modes_turn(const ldsim_model *M) { return M->modes && M->given.turns != 0.0; }
+
 /* How far the pulls of one grab move modes where nothing swings, (modes,). */
 static double *given_by(const ldsim_solid *S, const double *pulls, int g)
 {
@@ -1677,8 +1680,8 @@ static void displacement_at(const ldsim_solid *S, uint32_t v, const moment *at, 
         for (int axis = 0; axis < 3; axis++) slack[axis] += dot3(S->grabs[g].warp + 3 * axis, moved);
     }
     for (int axis = 0; axis < 3; axis++) u[axis] += slack[axis] / S->scale;
-    /* the dent is of the whole solid, and modes have their part of it only as far as they have moved */
-    for (int g = 0; M->modes && g < S->max_grabs; g++) {
+    /* what modes have of a dent is turned with it, and is there only as far as they have moved */
+    for (int g = 0; modes_turn(M) && g < S->max_grabs; g++) {
         if (!S->grabs[g].id) continue;
         double by[3];
         for (int axis = 0; axis < 3; axis++) by[axis] = modes_moved(M, 3 * (size_t)v + axis, given_by(S, pulls, g));
@@ -1799,6 +1802,8 @@ static void turn_modes(const ldsim_model *M, grab *g)
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < M->modes; j++) {
             const double *B = g->B + M->own + j;
+            g->turned[i * M->modes + j] = B[i * M->m];
+            if (!modes_turn(M)) continue;
             g->turned[i * M->modes + j] = g->warp[3 * i] * B[0] + g->warp[3 * i + 1] * B[M->m] + g->warp[3 * i + 2] * B[2 * M->m];
         }
 }
@@ -1896,7 +1901,7 @@ static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *
         for (int j = 0; j <= i; j++) pulls[i] += S->root[i * rows + j] * part[j];
         dents[i] = way[i] - pulls[i] / S->grabs[S->order[i / 3]].stiffness;
     }
-    for (int j = 0; j < modes; j++) {
+    for (int j = 0; modes_turn(S->model) && j < modes; j++) {
         double given = 0.0;
         for (int i = 0; i < rows; i++) given += pulls[i] * S->grabs[S->order[i / 3]].turned[i % 3 * modes + j];
         given /= S->scale * S->model->squares[j];
@@ -2138,7 +2143,7 @@ int ldsim_centroid(const ldsim_solid *S, uint32_t id, double centroid[3])
         slack[axis] += g->sag[4 * axis] + dot3(g->sag + 4 * axis + 1, S->now.gravity);
         centroid[axis] += slack[axis] / S->scale;
     }
-    for (int j = 0; M->modes && j < S->max_grabs; j++) {
+    for (int j = 0; modes_turn(M) && j < S->max_grabs; j++) {
         double by[3];
         if (!S->grabs[j].id) continue;
         for (int axis = 0; axis < 3; axis++) by[axis] = dot(g->B + axis * M->m + M->own, given_by(S, S->pulls, j), M->modes);
@@ -2229,7 +2234,7 @@ static int out_of_bounds(ldsim_solid *S, const moment *at)
         if (!S->grabs[g].id) continue;
         const double turn = dot(S->grabs[g].warp, S->grabs[g].warp, 9), *given = given_by(S, pulls, g);
         beside += S->grabs[g].reach * turn * sqrt(dot3(pulls + 3 * g, pulls + 3 * g));
-        beside += S->scale * (1.0 + sqrt(turn)) * sqrt(dot(given, given, M->modes));
+        if (modes_turn(M)) beside += S->scale * (1.0 + sqrt(turn)) * sqrt(dot(given, given, M->modes));
     }
     if (within(M, norm + beside / S->scale)) return 0;
     if (S->g) make_springs(S, at->f), find_pulls(S, at->f, pulls), S->renewed_springs = 0;

@@ -129,7 +129,7 @@ def _numbers(space: Space, options: ReducedOptions) -> list[float]:
     scene, novelty = space.scene, space.novelty
     reach, threshold = (0.0, 0.0) if novelty is None else (novelty.reach, novelty.threshold)
     numbers = [scene.time_step, *scene.gravity, options.stop(float(scene.vertex_mass.sum())), scene.mass.sum()]
-    return [float(x) for x in (*numbers, scene.mesh.diagonal, *usual_grip(scene), reach, threshold, 0.0)]
+    return [float(x) for x in (*numbers, scene.mesh.diagonal, *usual_grip(scene), reach, threshold, space.turns)]
 
 
 def _arrays(space: Space, compiled: Reduced, pins: MovingPins | None, anchors: Anchors | None, single: bool) -> Arrays:

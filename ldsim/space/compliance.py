@@ -119,9 +119,11 @@ class Compliance:
         if self.anchors is None:
             forces = self._bending(vertices)[:, :, MATRIX] / self._softness
             second = np.einsum("vaij,vak->ijk", forces, fields)
-            # warping has some of it
-            L = np.einsum("vij,vk->jik", T, self.arms(vertices))
-            warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ C
+            # warping has some of it, but of what does not turn
+            L, turning = np.einsum("vij,vk->jik", T, self.arms(vertices)), C
+            if self.modes is not None and not self.modes.turns:
+                turning = self.between([vertices], local=True)
+            warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ turning
             coupling = np.einsum("vaij,vak->kij", forces, T) - warped - warped.transpose(0, 2, 1)
         return Dent.of(C, second, coupling)
 

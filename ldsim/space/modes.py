@@ -29,10 +29,14 @@ ACCURACY = 1e-6
 
 
 class Modes(NamedTuple):
-    """F, (n, 3, m), orthonormal in the mass, and ω², (m,) 1/s², ascending."""
+    """F, (n, 3, m), orthonormal in the mass, and ω², (m,) 1/s², ascending.
+
+    turns: whether what they have of a dent turns with the place that is held (dynamics/reduced/warped.py).
+    """
 
     fields: Array
     squares: Array
+    turns: bool = False
 
     def moved(self, force: Array) -> Array:
         """What forces (…, n, 3), N, move of the modes in equilibrium, (…, n, 3) metres."""

@@ -109,16 +109,18 @@ class Space:
         networks: tuple[Decoder, Encoder],
         rule: CubatureRule,
         squares: Array | None = None,
+        turns: bool = False,
     ) -> Space:
         """Coordinates z = VᵀMu of the first r columns of a basis; what the others decode to is in equilibrium with it.
 
         Args:
             rule: the virtual points of V_eff(z), or points of the mesh.
             squares: ω² of the last columns, (m,) 1/s², which are modes that swing beside z (space/modes.py).
+            turns: of these modes, see there.
         """
         coordinates, modes = basis.columns(networks[0].r), None
         if squares is not None and len(squares):
-            modes = Modes(np.ascontiguousarray(basis.fields[:, :, -len(squares) :]), squares)
+            modes = Modes(np.ascontiguousarray(basis.fields[:, :, -len(squares) :]), squares, turns)
         return cls("latent", scene, basis, *networks, rule, compliance=Compliance(scene, coordinates, modes))
 
     @property
@@ -132,6 +134,11 @@ class Space:
         return (
             np.empty(0) if self.compliance is None or self.compliance.modes is None else self.compliance.modes.squares
         )
+
+    @property
+    def turns(self) -> bool:
+        """Whether what these modes have of a dent turns with the place that is held."""
+        return self.compliance is not None and self.compliance.modes is not None and self.compliance.modes.turns
 
     @property
     def r(self) -> int:

@@ -128,7 +128,7 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
         monkeypatch.setattr(swing, "online_error", error)
         monkeypatch.setattr(SILENT, "tell", told.append)
         found = swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
-        assert judged == [run.snapshots.with_role(role) for role in ("train", "validation")] * 2
+        assert judged == [run.snapshots.with_role(role) for role in ("train", "validation")] * 3
     assert len(found.squares) == (4 if better else 0) and (found is space) != better
     (line,) = told
     assert line.startswith("note: 4 modes beside the coordinates " + ("swing" if better else "are kept"))
@@ -147,7 +147,7 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
 def test_a_role_that_is_lost_both_ways_tells_nothing(
     swung: tuple[float, float], kept: tuple[float, float], better: bool
 ) -> None:
-    assert swing._clearly_less(swung, kept) == better
+    assert swing._less(swung, kept, 0.9) == better
 
 
 def test_how_far_a_space_is_off_is_told_of_all_frames_together(condensed: Experiment) -> None:

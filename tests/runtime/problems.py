@@ -104,7 +104,7 @@ def mixed(decoder: Decoder | None = None) -> Space:
     return reduced_space(solid, U, curved() if decoder is None else decoder, thinned(solid))
 
 
-def condensed(material: str = "neo_hookean", modes: int = 0, width: int = 8) -> Space:
+def condensed(material: str = "neo_hookean", modes: int = 0, width: int = 8, turns: bool = True) -> Space:
     """z, functions of it that virtual points see, and slaved coordinates that they do not, of which some may swing."""
     solid = body(material, resolution=2)  # so large that its factor has several supernodes
     U, squares = smooth_basis(solid, R + 2), np.empty(0)
@@ -125,12 +125,12 @@ def condensed(material: str = "neo_hookean", modes: int = 0, width: int = 8) -> 
     maps[:, :, R : R + 3] = rng.normal(size=(len(points), 9, 3)) * np.abs(stiff).mean()
     number = material_number(material)
     rule = CubatureRule(points, weights, 0.0, maps, material=number)
-    return Space.condensed(solid, basis, (decoder, IDENTITY), rule, squares)
+    return Space.condensed(solid, basis, (decoder, IDENTITY), rule, squares, turns)
 
 
-def with_linear_dents(material: str = "neo_hookean", modes: int = 0) -> Space:
+def with_linear_dents(material: str = "neo_hookean", modes: int = 0, turns: bool = True) -> Space:
     """A condensed space whose compliance is kept at anchors, as many as free vertices, as the C library has it."""
-    space = condensed(material, modes)
+    space = condensed(material, modes, turns=turns)
     assert space.compliance is not None
     return replace(space, compliance=space.compliance.anchored())
 
@@ -157,7 +157,8 @@ SPACES |= {f"linear {name}": partial(linear, name) for name in MATERIALS}
 SPACES |= {f"condensed {name}": partial(with_linear_dents, name) for name in MATERIALS}
 SPACES |= {
     "condensed at few anchors": lambda: anchored(condensed()),
-    "condensed, modes that swing": lambda: with_linear_dents(modes=4),
+    "condensed, modes that swing": lambda: with_linear_dents(modes=4, turns=False),
+    "condensed, modes that turn": lambda: with_linear_dents(modes=4),
     "condensed, modes that swing, a narrow layer": lambda: anchored(condensed(modes=9, width=1)),
 }
 SPACES |= {f"latent {name}": partial(latent, decoder=curved(name)) for name in ACTIVATIONS}

@@ -72,7 +72,7 @@ class BatchedLoads(NamedTuple):
 
         target, stiffness, gravity = (kept(each, 0.0) for each in (self.target, self.stiffness, self.gravity))
         if swing is not None:
-            swing = Swing(*(kept(each, 0.0) for each in swing))
+            swing = Swing._make([*(kept(each, 0.0) for each in swing[:-1]), swing.turns])
         softness = 1 / kept(self.mu, 1.0)
         found = pulled(self.series, target, stiffness, gravity, softness, kept(q, 0.0), swing, stepping)
         return Pulled(*(kept(each, torch.nan) for each in found))
@@ -112,7 +112,7 @@ class BatchedModel:
         inertia: M̃/h², (k, k). weight: the force of gravity 1 m/s² along each axis, Uᵀ M, (3, k), kg.
         load: the scene's dead load, (k,), N.
         lifted: ∂F/∂a of every point, (9, l, c); momentum: UᵀML/h², (k, l). l is 0 where all pins stand still.
-        squares: ω² of modes that swing, the last of q, (m,) 1/s²; rate: 1/h².
+        squares: ω² of modes that swing, the last of q, (m,) 1/s²; rate: 1/h². turns: of these, as `Swing` has it.
     """
 
     decoder: BatchedDecoder
@@ -128,6 +128,7 @@ class BatchedModel:
     momentum: Tensor
     squares: Tensor
     rate: float
+    turns: bool
 
     @classmethod
     def of(cls, space: Space, device: torch.device, dtype: torch.dtype) -> BatchedModel:
@@ -156,6 +157,7 @@ class BatchedModel:
             tensor(pins.inertia),
             tensor(space.squares),
             1 / scene.time_step**2,
+            space.turns,
         )
 
     def swing(self, loads: BatchedLoads, q: Tensor, predictor: Tensor) -> Swing | None:
@@ -168,7 +170,7 @@ class BatchedModel:
         force = (loads.gravity @ self.weight + self.load)[:, -modes:]
         swung = (1 - follows) * predictor[:, -modes:] + gives * force
         relaxed = self.decoder(q[:, : self.decoder.r])  # a condensed space decodes z to itself
-        return Swing(follows, gives, swung, 1 / squares, force / squares, relaxed)
+        return Swing(follows, gives, swung, 1 / squares, force / squares, relaxed, self.turns)
 
     def _following(self, values: Tensor, loads: BatchedLoads) -> Tensor:
         """Values of all coordinates, (n, …, k), those of modes a times."""

@@ -277,7 +277,8 @@ class BatchedStepper:
             u = u + torch.einsum("vaj,ngj,ngia->nvi", dents, amounts, found.warps)
         if swing is not None:  # modes have so much of it already as they have moved
             F = self.tensor(self.space.reduced_basis.fields[vertices][:, :, -len(self.space.squares) :])
-            u = u - torch.einsum("vim,nm->nvi", F, found.given)
+            moved = torch.einsum("vim,ngm->nvgi", F, found.given)
+            u = u - (moved.sum(2) if swing.turns else torch.einsum("ngij,nvgj->nvi", found.warps, moved))
         return u
 
     def _pieces(self, n: int) -> list[slice]:

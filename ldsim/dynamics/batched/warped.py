@@ -81,7 +81,8 @@ class BatchedSeries(NamedTuple):
 class Swing(NamedTuple):
     """How modes move in a step, y = follows x + swung + gives f (space/modes.py): (n, m) each, gives in s².
 
-    softness (n, m): ω⁻², s². sunk (n, m): how far weight has them. relaxed (n, k): φ(z) where the step begins.
+    softness (n, m): ω⁻², s². sunk (n, m): how far weight has them. relaxed (n, k): φ(z) where the step begins. turns:
+    whether what they have of a dent turns with the place that is held.
     """
 
     follows: Tensor
@@ -90,13 +91,14 @@ class Swing(NamedTuple):
     softness: Tensor
     sunk: Tensor
     relaxed: Tensor
+    turns: bool
 
 
 class Pulled(NamedTuple):
     """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3).
 
     And of each what its dent is made of: A (n, g, 3, 3), C^-½, D and N z as `Dent` has them, and Aᵀ f, (n, g, 3), N.
-    forces (n, 3g, 3g): what makes forces of the ways of the unit springs. turned (n, 3g, m), given (n, m): of modes
+    forces (n, 3g, 3g): what makes forces of the ways of the unit springs. turned (n, 3g, m), given (n, g, m): of modes
     that swing, as `InSeries` has them.
     """
 
@@ -159,7 +161,9 @@ def pulled(
 
     centre = series.centre + softness[:, None] * (series.dead + torch.einsum("nia,na->ni", series.weight, gravity))
     held = series.B[..., series.B.shape[2] - modes :]
-    turned = torch.einsum("ngia,ngam->ngim", A, held.reshape(n, g, 3, modes)).flatten(1, 2)
+    turned = held
+    if swing is not None and swing.turns:
+        turned = torch.einsum("ngia,ngam->ngim", A, held.reshape(n, g, 3, modes)).flatten(1, 2)
     way = target.reshape(n, 3 * g) - centre - torch.einsum("nik,nk->ni", series.B, q)
     way = way - torch.einsum("nim,nm->ni", turned, strays)
     between = soft[..., None] * series.compliance.reshape(n, g, 3, g, 3)
@@ -187,10 +191,12 @@ def pulled(
         taken = _limit(root, bent)[..., None, None]
         aside = torch.einsum("ngia,ngab,ngb->ngi", A, 0.5 * taken**2 * bent, bodies).reshape(n, 3 * g)
         M, L, f = aimed(coupled + taken * bent, aside)
-    given = torch.einsum("nim,ni->nm", turned, f)
+    dents = torch.einsum("nij,nj->ni", M, f) - aside
+    given = torch.einsum("ngam,ngia,ngi->ngm", held.reshape(n, g, 3, modes), A, f.reshape(n, g, 3))
     if swing is not None:
-        given = given * swing.softness
-    dents = torch.einsum("nij,nj->ni", M, f) - aside + torch.einsum("nim,nm->ni", turned, given)
+        given = given * swing.softness[:, None]
+        if swing.turns:
+            dents = dents + torch.einsum("nim,ngm->ni", turned, given)
     dents = dents.reshape(n, g, 3)
 
     H = 0.75 * torch.einsum("ngbc,ngc,ngibk->ngik", inverse, dents, series.gradient)

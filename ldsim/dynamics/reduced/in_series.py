@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,9 @@ class InSeries(NamedTuple):
         base: such that base + levers φ is the centre where modes are left to swing, less what is aside, (3g,), metres.
         pull, factor: L⁻ᵀ, which makes forces of the stretch of the unit springs, and L, (3g, 3g).
         swung: where modes go that nothing but their inertia and weight moves, less a times φ(z), (m,).
-        turned: A times the columns of B of modes, (3g, m). strays: how far modes are from where the relaxed pose and
-            their weight have them, (m,). given: how far grabs move them where nothing swings, (m,).
+        turns: whether what modes have of a dent turns. turned: the columns of B of modes, times A where so, (3g, m).
+            strays: how far modes are from where the relaxed pose and their weight have them, (m,). given: how far each
+            grab would move them at rest, by Aᵀ f, (g, m).
     """
 
     B: Array
@@ -62,6 +63,7 @@ class InSeries(NamedTuple):
     pull: Array
     factor: Array
     swung: Array
+    turns: bool
     turned: Array
     strays: Array
     given: Array
@@ -70,7 +72,7 @@ class InSeries(NamedTuple):
     def none(cls, k: int, modes: int = 0) -> InSeries:
         """Where there is no grab, or no compliance."""
         shapes = (0, k), (0,), (0, 0), (0,), (0, 3, 3, k), (0, 0, 3, 3), (0, 3, 3, 3), (0, 3, 3)
-        return cls._make([*map(np.zeros, shapes), True, *_written(0, k, modes)])
+        return cls._make([*map(np.zeros, shapes), True, *_written(0, k, modes, False)])
 
     @classmethod
     def of(cls, space: Space, grabs: Sequence[Grab], gravity: Array | None) -> InSeries:
@@ -93,7 +95,7 @@ class InSeries(NamedTuple):
             second,
             root,
             not (coupling.any() or second.any()),
-            *_written(len(held), U.shape[2], len(space.squares)),
+            *_written(len(held), U.shape[2], len(space.squares), space.turns),
         )
 
 
@@ -104,9 +106,10 @@ def centres(space: Space, grabs: Sequence[Grab], gravity: Array | None) -> Array
     return np.concatenate([sunk[grab.vertices].mean(axis=0) for grab in grabs])
 
 
-def _written(count: int, k: int, modes: int) -> list[Array]:
-    """Room for the target and for all that `warp_springs` writes, of some grabs."""
+def _written(count: int, k: int, modes: int, turns: bool) -> list[Any]:
+    """Room for the target and for all that `warp_springs` writes, of some grabs; and whether modes turn, among it."""
     n = 3 * count
     matrices = [(count, 3, 3)] * 3
     shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n)
-    return [np.zeros(shape) for shape in (*shapes, (modes,), (n, modes), (modes,), (modes,))]
+    own = (n, modes), (modes,), (count, modes)
+    return [*map(np.zeros, (*shapes, (modes,))), turns, *map(np.zeros, own)]

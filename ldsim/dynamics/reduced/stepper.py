@@ -188,7 +188,9 @@ class ReducedStepper:
         for grab, (amounts, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
             u += compliance.fields(grab.vertices) @ amounts @ A.T
         if modes := len(self.space.squares):  # these have so much of it already as they have moved
-            u -= self.space.reduced_basis.fields[:, :, -modes:] @ self._workspace().series.given
+            F, series = self.space.reduced_basis.fields[:, :, -modes:], self._workspace().series
+            for given, A in zip(series.given, series.warps, strict=True):
+                u -= F @ given if series.turns else F @ given @ A.T
         return u
 
     def pulls(self, state: ReducedState) -> Array:

@@ -23,7 +23,9 @@ besides, their weight, the centroid is where the law above has it, less what the
     c = centre + B φ(z) + A d + A B (y − x − ω⁻² (w + (A B)ᵀ f))
 
 Here C, D and N are of the whole solid, and A is that of the relaxed pose. With y fixed a grab gives way by what modes
-have no part in, A (B C Bᵀ − B ω⁻² Bᵀ) Aᵀ, and within a step by A B g (A B)ᵀ more.
+have no part in, A (B C Bᵀ − B ω⁻² Bᵀ) Aᵀ, and within a step by A B g (A B)ᵀ more. Where what modes have of a dent does
+not turn, as of a trunk that bends between its pins and the grip, B stands in the place of A B, and of A d all but that
+part is turned.
 """
 
 from __future__ import annotations
@@ -91,30 +93,38 @@ def _stray(series: InSeries, model: Reduced, coordinates: Array, work: Work) -> 
 
 @kernel()
 def _turn(series: InSeries, g: int) -> None:
-    """A times the columns of B of modes, of one grab."""
+    """The columns of B of modes, of one grab, times A where they turn."""
     A, B, modes = series.warps, series.B, series.swung.shape[0]
     first = B.shape[1] - modes
     for i in range(3):
         for f in range(modes):
-            series.turned[3 * g + i, f] = (
-                A[g, i, 0] * B[3 * g, first + f]
-                + A[g, i, 1] * B[3 * g + 1, first + f]
-                + A[g, i, 2] * B[3 * g + 2, first + f]
-            )
+            series.turned[3 * g + i, f] = B[3 * g + i, first + f]
+            if series.turns:
+                series.turned[3 * g + i, f] = (
+                    A[g, i, 0] * B[3 * g, first + f]
+                    + A[g, i, 1] * B[3 * g + 1, first + f]
+                    + A[g, i, 2] * B[3 * g + 2, first + f]
+                )
 
 
 @kernel()
 def _give(series: InSeries, squares: Array) -> None:
-    """What grabs move of the modes where nothing swings, which is of the dents."""
-    turned, given = series.turned, series.given
-    for f in range(given.shape[0]):
-        given[f] = 0.0
-        for i in range(turned.shape[0]):
-            given[f] += turned[i, f] * series.forces[i]
-        given[f] /= squares[f]
-    for i in range(turned.shape[0]):
-        for f in range(given.shape[0]):
-            series.dents[i] += turned[i, f] * given[f]
+    """How far each grab would move the modes at rest, which is of the dents where it turns with these."""
+    turned, given, A, B = series.turned, series.given, series.warps, series.B
+    first = B.shape[1] - squares.shape[0]
+    for g in range(given.shape[0]):
+        for f in range(given.shape[1]):
+            given[g, f] = 0.0
+        for a in range(3):
+            force = 0.0
+            for i in range(3):
+                force += A[g, i, a] * series.forces[3 * g + i]
+            for f in range(given.shape[1]):
+                given[g, f] += force * B[3 * g + a, first + f] / squares[f]
+    for i in range(turned.shape[0] if series.turns else 0):
+        for g in range(given.shape[0]):
+            for f in range(given.shape[1]):
+                series.dents[i] += turned[i, f] * given[g, f]
 
 
 @kernel()
@@ -149,10 +159,11 @@ def most_beside(series: InSeries, products: Array, amounts: Array) -> float:
             for j in range(products.shape[1]):
                 square += amounts[i] * products[g, i, j] * amounts[j]
         total += math.sqrt(size * max(square, 0.0))
-    square = 0.0
-    for f in range(series.given.shape[0]):
-        square += series.given[f] ** 2
-    return total + math.sqrt(square)
+        square = 0.0
+        for f in range(series.given.shape[1]):
+            square += series.given[g, f] ** 2
+        total += math.sqrt(max(size, 1.0) * square)
+    return total
 
 
 @kernel()

@@ -30,7 +30,8 @@ DEVICES = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
 SPACES = {
     "bent dents": condensed,
     "linear dents": lambda: with_linear_dents("neo_hookean"),
-    "modes that swing": lambda: condensed(modes=4),
+    "modes that swing": lambda: condensed(modes=4, turns=False),
+    "modes that turn": lambda: condensed(modes=4),
 }
 
 
