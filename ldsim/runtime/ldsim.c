@@ -1882,11 +1882,12 @@ static void centroids(const ldsim_solid *S, const double *f, double *found)
 
 /* What the springs of a condensed model pull with where the features are f, Q p, grab by grab as they were taken, (3g,); and
  * of the way p from each centroid to its target what is not the stretch of its spring: the dent p - Q p / k, (3g,), with
- * what it is of modes that have not moved yet. */
+ * what modes that turn have done of it. */
 static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *pulls, double *dents)
 {
     const int rows = 3 * S->g, modes = S->model->modes;
     double way[3 * LDSIM_MAX_GRABS], part[3 * LDSIM_MAX_GRABS];
+    if (!rows) return;
     centroids(S, relaxed(S, f), way);
     for (int i = 0; i < rows; i++) {
         const grab *g = S->grabs + S->order[i / 3];
@@ -1899,13 +1900,9 @@ static void find_pulls_and_dents(const ldsim_solid *S, const double *f, double *
     }
     for (int i = 0; i < rows; i++) {
         for (int j = 0; j <= i; j++) pulls[i] += S->root[i * rows + j] * part[j];
-        dents[i] = way[i] - pulls[i] / S->grabs[S->order[i / 3]].stiffness;
-    }
-    for (int j = 0; modes_turn(S->model) && j < modes; j++) {
-        double given = 0.0;
-        for (int i = 0; i < rows; i++) given += pulls[i] * S->grabs[S->order[i / 3]].turned[i % 3 * modes + j];
-        given /= S->scale * S->model->squares[j];
-        for (int i = 0; i < rows; i++) dents[i] += given * S->grabs[S->order[i / 3]].turned[i % 3 * modes + j];
+        const grab *g = S->grabs + S->order[i / 3];
+        dents[i] = way[i] - pulls[i] / g->stiffness;
+        if (modes_turn(S->model)) dents[i] += dot(g->turned + i % 3 * modes, S->strays, modes);
     }
 }
 
@@ -1943,10 +1940,10 @@ static void aim_springs(ldsim_solid *S, const double *f)
         S->centre[i] = g->centre[i % 3];
         S->target[i] = g->target[i % 3];
     }
-    if (!condensed) return;
+    if (!condensed || !rows) return;
     const double *root = M->modes ? S->swinging : S->root;
     find_pulls_and_dents(S, f, pulls, dents);
-    const double *pose = relaxed(S, f);
+    const double *pose = M->modes ? S->relaxed : f; /* as it was left there */
     centroids(S, pose, centre);
     for (int i = 0; i < S->g; i++)
         add_lever(S->grabs + S->order[i], pose, m, dents + 3 * i, centre + 3 * i, B + 3 * (size_t)i * m, S->B);
@@ -1995,9 +1992,12 @@ static void make_springs(ldsim_solid *S, const double *f)
     const int rows = 3 * S->g;
     for (int i = 0; i < S->g; i++) S->stiffness[i] = M->anchors ? 1.0 : S->grabs[S->order[i]].stiffness;
     if (M->modes) weigh(S);
-    const double *pose = relaxed(S, f);
-    for (int i = 0; M->anchors && i < S->max_grabs; i++)
-        if (S->grabs[i].id) warp_grab(S->grabs + i, pose, M->m), turn_modes(M, S->grabs + i);
+    const double *pose = NULL;
+    for (int i = 0; M->anchors && i < S->max_grabs; i++) {
+        if (!S->grabs[i].id) continue;
+        if (!pose) pose = relaxed(S, f);
+        warp_grab(S->grabs + i, pose, M->m), turn_modes(M, S->grabs + i);
+    }
     if (M->anchors && S->g) {
         double block[9];
         for (int i = 0; i < S->g; i++)

@@ -49,7 +49,8 @@ def portable(space: Space) -> tuple[Space, str]:
         return space, ""
     compliance = space.compliance.anchored()
     assert compliance.anchors is not None
-    middle, most = compliance.anchors.error(compliance.scene, compliance.local)
+    dent = compliance.relaxation.residual if space.turns else compliance.local
+    middle, most = compliance.anchors.error(compliance.scene, compliance.local, dent)
     words = f"; how far a grab sinks in is off by {middle:.1%}, at most {most:.1%}, of that"
     return replace(space, compliance=compliance), words if most > 1e-6 else ""
 

@@ -65,8 +65,10 @@ class Anchors:
         moved = [P @ (self.matrix @ (P.T @ f).ravel()).reshape(-1, 3) for f in force.reshape(-1, *force.shape[-2:])]
         return np.reshape(moved, force.shape)
 
-    def error(self, scene: Scene, residual: Callable[[Array], Array]) -> tuple[float, float]:
-        """How far the compliance of usual grabs over the surface is off: in the middle and at most, shares of it."""
+    def error(
+        self, scene: Scene, residual: Callable[[Array], Array], dent: Callable[[Array], Array] | None = None
+    ) -> tuple[float, float]:
+        """How far the compliance of usual grabs over the surface is off: in the middle and at most, shares of dents."""
         x, shares, radius = scene.mesh.vertices, [], usual_grip(scene)[1]
         for point in spread_points(scene, JUDGED).tolist():
             held = np.flatnonzero((np.linalg.norm(x - x[point], axis=1) <= radius) & scene.movable)
@@ -74,7 +76,8 @@ class Anchors:
             force[np.arange(3)[:, None], held, np.arange(3)[:, None]] = 1 / len(held)
             exact = residual(force)[:, held].mean(axis=1)
             kept = self.residual(force)[:, held].mean(axis=1)
-            shares.append(float(np.linalg.norm(kept - exact) / np.linalg.norm(exact)))
+            whole = exact if dent is None else dent(force)[:, held].mean(axis=1)
+            shares.append(float(np.linalg.norm(kept - exact) / np.linalg.norm(whole)))
         return float(np.median(shares)), max(shares)
 
 

@@ -41,9 +41,10 @@ MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class Compliance:
-    """C of a scene and the coordinates V of a condensed space, and what of it is beside modes that swing.
+    """C of a scene and the coordinates V of a condensed space, but what modes that swing beside them have as at rest.
 
-    Its factor is made when it is first needed; `sag` is a call that needs it.
+    What these have of a dent is of it where it turns with the place that is held (`Modes.turns`). Its factor is made
+    when it is first needed; `sag` is a call that needs it.
     """
 
     def __init__(self, scene: Scene, coordinates: Basis, modes: Modes | None = None) -> None:
@@ -55,14 +56,13 @@ class Compliance:
         self._dents: dict[bytes, Dent] = {}
         self._fields: dict[bytes, Array] = {}
         self._last_bent: tuple[bytes, Array] | None = None
-        self._sags: list[tuple[Array, Array]] = []
+        self._sags: tuple[tuple[Array, Array], ...] = ()
 
     def of(self, force: Array) -> Array:
         """C f, (…, n, 3) metres, of forces (…, n, 3), N."""
-        if self.anchors is None:
-            return self._softness * self.relaxation.residual(force)
-        kept = self.anchors.residual(force)
-        return self._softness * (kept if self.modes is None else kept + self.modes.moved(force))
+        found = self.local(force) if self.anchors is None else self.anchors.residual(force)
+        turning = self.modes is not None and self.modes.turns
+        return self._softness * (found + self.modes.moved(force) if self.modes is not None and turning else found)
 
     def local(self, force: Array) -> Array:
         """What of C f modes that swing have no part in, of the solid that is not stiffened, without anchors."""
@@ -79,7 +79,7 @@ class Compliance:
     def stiffened(self, scale: float) -> Compliance:
         """That of the same solid with its Lamé parameters times a positive number: K₀ times it, so C divided by it."""
         other = self._without_grabs()
-        other._softness, other._sags = self._softness / scale, []
+        other._softness, other._sags = self._softness / scale, ()
         return other
 
     def anchored(self, anchors: Anchors | None = None) -> Compliance:
@@ -119,11 +119,9 @@ class Compliance:
         if self.anchors is None:
             forces = self._bending(vertices)[:, :, MATRIX] / self._softness
             second = np.einsum("vaij,vak->ijk", forces, fields)
-            # warping has some of it, but of what does not turn
-            L, turning = np.einsum("vij,vk->jik", T, self.arms(vertices)), C
-            if self.modes is not None and not self.modes.turns:
-                turning = self.between([vertices], local=True)
-            warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ turning
+            # warping has some of it
+            L = np.einsum("vij,vk->jik", T, self.arms(vertices))
+            warped = (0.75 * L - 0.25 * L.transpose(0, 2, 1)) @ C
             coupling = np.einsum("vaij,vak->kij", forces, T) - warped - warped.transpose(0, 2, 1)
         return Dent.of(C, second, coupling)
 
@@ -170,21 +168,14 @@ class Compliance:
         if not self._sags:
             dead = self.scene.force(np.zeros(3))
             forces = np.stack([dead, *(self.scene.force(unit) - dead for unit in np.eye(3))])
-            for moved in (self.relaxation.residual(forces), self.local(forces)):
-                self._sags.append((self._softness * moved[0], self._softness * moved[1:].transpose(1, 2, 0)))
+            both = (self._softness * moved for moved in (self.relaxation.residual(forces), self.local(forces)))
+            self._sags = tuple((moved[0], moved[1:].transpose(1, 2, 0)) for moved in both)
         return self._sags[local]
 
-    def between(self, held: Sequence[Indices], local: bool = False) -> Array:
-        """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N.
-
-        Args:
-            local: of that what modes that swing have no part in.
-        """
+    def between(self, held: Sequence[Indices]) -> Array:
+        """B C Bᵀ: what forces on the centroids of some sets of vertices move these centroids, (3g, 3g), m/N."""
         fields = [self.of_grab(vertices) for vertices in held]
         moved = np.block([[field[vertices].mean(axis=0) for field in fields] for vertices in held])
-        if local and self.modes is not None:
-            B = np.concatenate([self.modes.fields[vertices].mean(axis=0) for vertices in held])
-            moved -= self._softness * (B / self.modes.squares) @ B.T
         return np.asarray(0.5 * (moved + moved.T))
 
     def arms(self, vertices: Indices) -> Array:

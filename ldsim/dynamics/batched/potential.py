@@ -164,10 +164,16 @@ class BatchedModel:
         """How modes move in a step from q, (n, k), where there are some; loads need not know a yet."""
         if not len(self.squares):
             return None
-        squares = loads.mu[:, None] * self.squares
+
+        def kept(values: Tensor, other: float) -> Tensor:
+            """Without what a lost instance may have, of which gradients would be no numbers."""
+            return torch.where(values.abs() < LARGEST, values, other)
+
+        q, predictor, gravity = kept(q, 0.0), kept(predictor, 0.0), kept(loads.gravity, 0.0)
+        squares = kept(loads.mu, 1.0)[:, None] * self.squares
         gives = 1 / (squares + self.rate)
         follows, modes = squares * gives, len(self.squares)
-        force = (loads.gravity @ self.weight + self.load)[:, -modes:]
+        force = (gravity @ self.weight + self.load)[:, -modes:]
         swung = (1 - follows) * predictor[:, -modes:] + gives * force
         relaxed = self.decoder(q[:, : self.decoder.r])  # a condensed space decodes z to itself
         return Swing(follows, gives, swung, 1 / squares, force / squares, relaxed, self.turns)

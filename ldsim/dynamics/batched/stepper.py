@@ -275,10 +275,8 @@ class BatchedStepper:
             soft = torch.cat([softness[:, None].expand(-1, 3), softness[:, None].square().expand(-1, 6)], dim=1)
             amounts = ((soft[:, None] * made) * (series.which == number)[..., None])[..., : dents.shape[2]]
             u = u + torch.einsum("vaj,ngj,ngia->nvi", dents, amounts, found.warps)
-        if swing is not None:  # modes have so much of it already as they have moved
-            F = self.tensor(self.space.reduced_basis.fields[vertices][:, :, -len(self.space.squares) :])
-            moved = torch.einsum("vim,ngm->nvgi", F, found.given)
-            u = u - (moved.sum(2) if swing.turns else torch.einsum("ngij,nvgj->nvi", found.warps, moved))
+        if compliance.modes is not None and compliance.modes.turns:  # they have so much of it as they have moved
+            u = u - torch.einsum("vim,nm->nvi", self.tensor(compliance.modes.fields[vertices]), found.given)
         return u
 
     def _pieces(self, n: int) -> list[slice]:

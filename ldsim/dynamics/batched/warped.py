@@ -22,6 +22,9 @@ from ldsim.mechanics.grabs import Grab
 from ldsim.space.compliance import LEAST_STRETCH, MOST_CHANGED, TURNED
 from ldsim.space.space import Space
 
+# Roots have no slope at 0.
+TINY = 1e-60
+
 
 class BatchedSeries(NamedTuple):
     """What some grabs of n instances have as long as they hold the same vertices, g each; zeros where there are fewer.
@@ -98,7 +101,7 @@ class Pulled(NamedTuple):
     """What grabs do at coordinates q: springs of unit stiffness, B (n, g, 3, k), centre and target (n, g, 3).
 
     And of each what its dent is made of: A (n, g, 3, 3), C^-½, D and N z as `Dent` has them, and Aᵀ f, (n, g, 3), N.
-    forces (n, 3g, 3g): what makes forces of the ways of the unit springs. turned (n, 3g, m), given (n, g, m): of modes
+    forces (n, 3g, 3g): what makes forces of the ways of the unit springs. turned (n, 3g, m), given (n, m): of modes
     that swing, as `InSeries` has them.
     """
 
@@ -161,28 +164,30 @@ def pulled(
 
     centre = series.centre + softness[:, None] * (series.dead + torch.einsum("nia,na->ni", series.weight, gravity))
     held = series.B[..., series.B.shape[2] - modes :]
-    turned = held
-    if swing is not None and swing.turns:
-        turned = torch.einsum("ngia,ngam->ngim", A, held.reshape(n, g, 3, modes)).flatten(1, 2)
+    turns = swing is not None and swing.turns
     way = target.reshape(n, 3 * g) - centre - torch.einsum("nik,nk->ni", series.B, q)
-    way = way - torch.einsum("nim,nm->ni", turned, strays)
     between = soft[..., None] * series.compliance.reshape(n, g, 3, g, 3)
     # 1 + √K M √K in the place of 1/K + M: a grab that was let go has a stiffness of zero
     stiff = torch.where(stiffness > 0, stiffness, 1.0).sqrt() * (stiffness > 0)
     stiff = stiff.repeat_interleave(3, dim=1)
     one = torch.eye(3 * g, dtype=q.dtype, device=q.device)
 
-    def aimed(change: Tensor, aside: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """M = A (B C Bᵀ + change) Aᵀ, the factor of 1 + √K M √K, and the forces, (n, 3g)."""
+    def aimed(change: Tensor, aside: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """M while modes stay, the factor of 1 + √K M √K, the forces, (n, 3g), and how modes move centroids."""
         own = torch.diag_embed(change.permute(0, 2, 3, 1)).permute(0, 3, 1, 4, 2)  # (n, g, 3, g, 3)
         M = torch.einsum("ngia,ngahb,nhjb->ngihj", A, between + own, A).reshape(n, 3 * g, 3 * g)
-        M = 0.5 * (M + M.transpose(1, 2))
+        M, turned = 0.5 * (M + M.transpose(1, 2)), held
+        if swing is not None and turns:
+            share = (1 - (root @ change @ root).square().sum((-2, -1)).clamp_min(TINY).sqrt()).clamp_min(TINY).sqrt()
+            turned = torch.einsum("ng,ngia,ngam->ngim", share, A, held.reshape(n, g, 3, modes)).flatten(1, 2)
+            M = M - torch.einsum("nim,nm,njm->nij", turned, swing.softness, turned)
         L, _ = torch.linalg.cholesky_ex(one + stiff[:, :, None] * M * stiff[:, None])
-        f = stiff * torch.cholesky_solve((stiff * (way + aside))[:, :, None], L)[:, :, 0]
-        return M, L, f
+        reached = way - torch.einsum("nim,nm->ni", turned, strays) + aside
+        f = stiff * torch.cholesky_solve((stiff * reached)[:, :, None], L)[:, :, 0]
+        return M, L, f, turned
 
     aside = torch.zeros_like(way)
-    M, L, f = aimed(coupled, aside)
+    M, L, f, turned = aimed(coupled, aside)
     bodies = torch.zeros_like(f).reshape(n, g, 3)
     second = soft[..., None] ** 2 * series.second
     for _ in range(BENT_STEPS if bool(series.second.any() or series.coupling.any()) else 0):
@@ -190,13 +195,12 @@ def pulled(
         bent = torch.einsum("ngijk,ngk->ngij", second, bodies)
         taken = _limit(root, bent)[..., None, None]
         aside = torch.einsum("ngia,ngab,ngb->ngi", A, 0.5 * taken**2 * bent, bodies).reshape(n, 3 * g)
-        M, L, f = aimed(coupled + taken * bent, aside)
+        M, L, f, turned = aimed(coupled + taken * bent, aside)
     dents = torch.einsum("nij,nj->ni", M, f) - aside
-    given = torch.einsum("ngam,ngia,ngi->ngm", held.reshape(n, g, 3, modes), A, f.reshape(n, g, 3))
+    given = torch.einsum("nim,ni->nm", turned, f)
     if swing is not None:
-        given = given * swing.softness[:, None]
-        if swing.turns:
-            dents = dents + torch.einsum("nim,ngm->ni", turned, given)
+        given = given * swing.softness
+        dents = dents + torch.einsum("nim,nm->ni", turned, strays) if turns else dents
     dents = dents.reshape(n, g, 3)
 
     H = 0.75 * torch.einsum("ngbc,ngc,ngibk->ngik", inverse, dents, series.gradient)

@@ -17,7 +17,7 @@ class InSeries(NamedTuple):
 
     Attributes:
         B, centre: c(q) = centre + B q of all centroids, (3g, k) and (3g,), metres.
-        compliance: B C Bᵀ at rest, (3g, 3g), m/N, beside modes that swing.
+        compliance: B C Bᵀ at rest, (3g, 3g), m/N.
         softness: of the springs, 1/k, (3g,).
         gradient: F = I + gradient q of the cells around each (`Compliance.arms`), (g, 3, 3, k).
         coupling, second, root: of `Dent`, (g, r, 3, 3), (g, 3, 3, 3) and (g, 3, 3).
@@ -33,9 +33,10 @@ class InSeries(NamedTuple):
         base: such that base + levers φ is the centre where modes are left to swing, less what is aside, (3g,), metres.
         pull, factor: L⁻ᵀ, which makes forces of the stretch of the unit springs, and L, (3g, 3g).
         swung: where modes go that nothing but their inertia and weight moves, less a times φ(z), (m,).
-        turns: whether what modes have of a dent turns. turned: the columns of B of modes, times A where so, (3g, m).
-            strays: how far modes are from where the relaxed pose and their weight have them, (m,). given: how far each
-            grab would move them at rest, by Aᵀ f, (g, m).
+        turns: whether what modes have of a dent is of C and turns.
+        turned: the columns of B of modes, and where they turn θ A times these, (3g, m).
+        strays, given: how far modes are from where the relaxed pose and their weight have them, and how far grabs move
+            them where nothing swings, (m,).
     """
 
     B: Array
@@ -88,7 +89,7 @@ class InSeries(NamedTuple):
         return cls(
             np.concatenate([U[vertices].mean(axis=0) for vertices in held]),
             centres(space, grabs, gravity),
-            compliance.between(held, local=True),
+            compliance.between(held),
             np.repeat([1 / grab.stiffness for grab in grabs], 3),
             np.stack(gradient),
             coupling,
@@ -111,5 +112,5 @@ def _written(count: int, k: int, modes: int, turns: bool) -> list[Any]:
     n = 3 * count
     matrices = [(count, 3, 3)] * 3
     shapes = (n,), *matrices[:2], (count,), *matrices, (count, 3), (n,), (n,), (n,), (n, k), (n,), (n, n), (n, n)
-    own = (n, modes), (modes,), (count, modes)
+    own = (n, modes), (modes,), (modes,)
     return [*map(np.zeros, (*shapes, (modes,))), turns, *map(np.zeros, own)]

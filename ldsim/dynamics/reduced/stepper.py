@@ -187,10 +187,9 @@ class ReducedStepper:
             return u
         for grab, (amounts, A) in zip(loads.grabs, self._pulling(q, loads), strict=True):
             u += compliance.fields(grab.vertices) @ amounts @ A.T
-        if modes := len(self.space.squares):  # these have so much of it already as they have moved
-            F, series = self.space.reduced_basis.fields[:, :, -modes:], self._workspace().series
-            for given, A in zip(series.given, series.warps, strict=True):
-                u -= F @ given if series.turns else F @ given @ A.T
+        if compliance.modes is not None and compliance.modes.turns:  # they have so much of it as they have moved
+            F = compliance.modes.fields.reshape(-1, len(compliance.modes.squares))
+            u -= (F @ self._workspace().series.given).reshape(u.shape)
         return u
 
     def pulls(self, state: ReducedState) -> Array:
@@ -259,8 +258,8 @@ class ReducedStepper:
         """What the kernels of `reduced.potential` read under some loads: model, springs, scratch memory."""
         workspace = self._workspace()
         workspace.grab(loads.grabs, loads.gravity)
-        warp(workspace.reference, np.zeros(self._dimensions[1]))
         self._base_force(loads.gravity, workspace)
+        warp(workspace.reference, np.zeros(self._dimensions[1]))
         return workspace.model, workspace.springs, workspace.work
 
     def unloaded(self, grabs: int) -> Unloaded:

@@ -20,12 +20,15 @@ Modes that swing (space/modes.py) change nothing of that where they stand still:
 as they have followed the force. With x what the relaxed pose φ(z) has of them, y what they are, and w what moves them
 besides, their weight, the centroid is where the law above has it, less what they have not done yet,
 
-    c = centre + B φ(z) + A d + A B (y − x − ω⁻² (w + (A B)ᵀ f))
+    c = centre + B φ(z) + A d + θ A B (y − x − ω⁻² (w + (θ A B)ᵀ f))
 
 Here C, D and N are of the whole solid, and A is that of the relaxed pose. With y fixed a grab gives way by what modes
-have no part in, A (B C Bᵀ − B ω⁻² Bᵀ) Aᵀ, and within a step by A B g (A B)ᵀ more. Where what modes have of a dent does
-not turn, as of a trunk that bends between its pins and the grip, B stands in the place of A B, and of A d all but that
-part is turned.
+have no part in, A (C + N z + D f₀) Aᵀ − θ² A B ω⁻² (A B)ᵀ, and within a step by θ² A B g (A B)ᵀ more. Their share
+θ² = 1 − ‖C^-½ (N z + D f₀) C^-½‖ of a grab keeps that positive: where a dent has become stiffer by half, it is not by
+half of a part that is nearly all of it.
+
+Where what modes have of a dent does not turn, as of a trunk that bends between its pins and the grip, C, D and N are of
+what they have no part in, and B stands in the place of θ A B.
 """
 
 from __future__ import annotations
@@ -57,21 +60,22 @@ def warp_springs(series: InSeries, model: Reduced, coordinates: Array, springs: 
     q = work.q
     for g in range(series.warps.shape[0]):
         _warp(series, g, q)
-        _turn(series, g)
         if not series.linear:
             _couple(series, g, q)
+        _turn(series, g)
     series.aside[:] = 0.0
-    _aim(series, q)
+    _aim(series, q, model.squares)
     # Newton's method for the forces, from the law that is linear in them
     for _ in range(0 if series.linear else BENT_STEPS):
         for g in range(series.warps.shape[0]):
             _bend(series, g)
-        _aim(series, q)
+            _turn(series, g)
+        _aim(series, q, model.squares)
     _give(series, model.squares)
     for g in range(series.warps.shape[0]):
         _lever(series, model, g, q)
     if series.swung.shape[0] > 0:
-        _swing(series, model.gives)
+        _swing(series, model.squares, model.gives)
         _factorise(series)
     for i in range(series.softness.shape[0]):
         _combine(series, i, springs)
@@ -93,14 +97,16 @@ def _stray(series: InSeries, model: Reduced, coordinates: Array, work: Work) -> 
 
 @kernel()
 def _turn(series: InSeries, g: int) -> None:
-    """The columns of B of modes, of one grab, times A where they turn."""
-    A, B, modes = series.warps, series.B, series.swung.shape[0]
+    """The columns of B of modes, of one grab, times θ A where they turn."""
+    A, B, modes, share = series.warps, series.B, series.swung.shape[0], 1.0
     first = B.shape[1] - modes
+    if modes > 0 and series.turns and not series.linear:
+        share = math.sqrt(max(1.0 - _size(series.root, series.changes, g), 0.0))
     for i in range(3):
         for f in range(modes):
             series.turned[3 * g + i, f] = B[3 * g + i, first + f]
             if series.turns:
-                series.turned[3 * g + i, f] = (
+                series.turned[3 * g + i, f] = share * (
                     A[g, i, 0] * B[3 * g, first + f]
                     + A[g, i, 1] * B[3 * g + 1, first + f]
                     + A[g, i, 2] * B[3 * g + 2, first + f]
@@ -109,22 +115,16 @@ def _turn(series: InSeries, g: int) -> None:
 
 @kernel()
 def _give(series: InSeries, squares: Array) -> None:
-    """How far each grab would move the modes at rest, which is of the dents where it turns with these."""
-    turned, given, A, B = series.turned, series.given, series.warps, series.B
-    first = B.shape[1] - squares.shape[0]
-    for g in range(given.shape[0]):
-        for f in range(given.shape[1]):
-            given[g, f] = 0.0
-        for a in range(3):
-            force = 0.0
-            for i in range(3):
-                force += A[g, i, a] * series.forces[3 * g + i]
-            for f in range(given.shape[1]):
-                given[g, f] += force * B[3 * g + a, first + f] / squares[f]
+    """How far grabs move modes where nothing swings; and what these have done of it is of the dents."""
+    turned, given = series.turned, series.given
+    for f in range(given.shape[0]):
+        given[f] = 0.0
+        for i in range(turned.shape[0]):
+            given[f] += turned[i, f] * series.forces[i]
+        given[f] /= squares[f]
     for i in range(turned.shape[0] if series.turns else 0):
-        for g in range(given.shape[0]):
-            for f in range(given.shape[1]):
-                series.dents[i] += turned[i, f] * given[g, f]
+        for f in range(given.shape[0]):
+            series.dents[i] += turned[i, f] * series.strays[f]
 
 
 @kernel()
@@ -159,11 +159,10 @@ def most_beside(series: InSeries, products: Array, amounts: Array) -> float:
             for j in range(products.shape[1]):
                 square += amounts[i] * products[g, i, j] * amounts[j]
         total += math.sqrt(size * max(square, 0.0))
-        square = 0.0
-        for f in range(series.given.shape[1]):
-            square += series.given[g, f] ** 2
-        total += math.sqrt(max(size, 1.0) * square)
-    return total
+    square = 0.0
+    for f in range(series.given.shape[0] if series.turns else 0):
+        square += series.given[f] ** 2
+    return total + math.sqrt(square)
 
 
 @kernel()
@@ -177,28 +176,31 @@ def _applied(M: Array, x: float, y: float, z: float) -> tuple[float, float, floa
 
 
 @kernel()
-def _aim(series: InSeries, q: Array) -> None:
+def _aim(series: InSeries, q: Array, squares: Array) -> None:
     """The factor and its inverse, and forces and dents by them."""
-    _soften(series)
+    _soften(series, squares)
     _factorise(series)
     _dent(series, q)
 
 
 @kernel()
-def _soften(series: InSeries) -> None:
-    """What grabs and springs give way by, which is to be factorised."""
-    n, L = series.softness.shape[0], series.factor
+def _soften(series: InSeries, squares: Array) -> None:
+    """What grabs and springs give way by while modes stay where they are, which is to be factorised."""
+    n, L, turned = series.softness.shape[0], series.factor, series.turned
     for g in range(series.warps.shape[0]):
         for h in range(g + 1):
             _warped_pair(series, g, h, L)
     for i in range(n):
+        for j in range(i + 1):
+            for f in range(squares.shape[0] if series.turns else 0):
+                L[i, j] -= turned[i, f] / squares[f] * turned[j, f]
         L[i, i] += series.softness[i]
 
 
 @kernel()
-def _swing(series: InSeries, gives: Array) -> None:
+def _swing(series: InSeries, squares: Array, gives: Array) -> None:
     """Within a step modes give way too, by what their mass lets them."""
-    _soften(series)
+    _soften(series, squares)
     turned = series.turned
     for i in range(turned.shape[0]):
         for j in range(i + 1):
@@ -263,6 +265,13 @@ def _bend(series: InSeries, g: int) -> None:
 @kernel()
 def _limit(root: Array, change: Array, g: int) -> float:
     """How much of a change of one grab's C is taken, at most 1."""
+    size = _size(root, change, g)
+    return 1.0 if size <= MOST_CHANGED else MOST_CHANGED / size
+
+
+@kernel()
+def _size(root: Array, change: Array, g: int) -> float:
+    """How large a change of one grab's C is beside it, ‖C^-½ change C^-½‖."""
     size = 0.0
     for i in range(3):
         for j in range(3):
@@ -271,7 +280,7 @@ def _limit(root: Array, change: Array, g: int) -> float:
                 for b in range(3):
                     entry += root[g, i, a] * change[g, a, b] * root[g, b, j]
             size += entry**2
-    return 1.0 if size <= MOST_CHANGED**2 else MOST_CHANGED / math.sqrt(size)
+    return math.sqrt(size)
 
 
 @kernel(fastmath=REASSOCIATE)

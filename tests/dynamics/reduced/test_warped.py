@@ -133,6 +133,21 @@ def test_how_far_the_solid_is_is_bounded_by_what_costs_less(
     assert not stepper.within(state, np.inf)
 
 
+@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("modes", [6, 30])
+def test_a_spring_far_stiffer_than_the_solid_moves_it_no_farther_than_its_target(modes: int, turns: bool) -> None:
+    """What a dent has changed to the next order is of all of C, and of that modes have nearly all."""
+    space = condensed(modes=modes, turns=turns)
+    stepper, x = ReducedStepper(space), space.scene.mesh.vertices
+    vertices = np.argsort(-x[:, 0])[:4]
+    way, state = np.array([0.02, 0.08, -0.05]), stepper.rest()
+    for frame in range(40):
+        target = x[vertices].mean(axis=0) + min(frame / 30, 1.0) * way
+        state, solution = stepper.step(state, Loads((Grab(vertices, target, 5000.0),)))
+        assert solution.reason.name == "CONVERGED"
+        assert np.abs(stepper.displacement(state)).max() < 2 * np.linalg.norm(way)
+
+
 def test_a_restart_from_an_equilibrium_stays_there(space: Space) -> None:
     """What its weight moves beside the coordinates is in the frame, but is no velocity of theirs."""
     first = Encoder((np.eye(space.decoder.k, space.r),), (np.zeros(space.r),))  # z of a pose, as training has it
