@@ -41,9 +41,9 @@ MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 class Compliance:
-    """C of a scene and the coordinates V of a condensed space, but what modes that swing beside them have as at rest.
+    """C of a scene and the coordinates V of a condensed space, less that of modes that swing and do not turn.
 
-    What these have of a dent is of it where it turns with the place that is held (`Modes.turns`). Its factor is made
+    What modes have of C is of it where it turns with the place that is held (`Modes.turns`). The factor of K is made
     when it is first needed; `sag` is a call that needs it.
     """
 
@@ -61,8 +61,9 @@ class Compliance:
     def of(self, force: Array) -> Array:
         """C f, (…, n, 3) metres, of forces (…, n, 3), N."""
         found = self.local(force) if self.anchors is None else self.anchors.residual(force)
-        turning = self.modes is not None and self.modes.turns
-        return self._softness * (found + self.modes.moved(force) if self.modes is not None and turning else found)
+        if self.modes is not None and self.modes.turns:
+            found = found + self.modes.moved(force)
+        return self._softness * found
 
     def local(self, force: Array) -> Array:
         """What of C f modes that swing have no part in, of the solid that is not stiffened, without anchors."""
