@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from ldsim.arrays import Array
+from ldsim.artefacts.records import read_model, write_model
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
@@ -133,6 +134,24 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
     (line,) = told
     assert line.startswith("note: 4 modes beside the coordinates " + ("swing" if better else "are kept"))
     assert "2.2 % off on train motions where they swing, 2 % off where not" in line
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_what_modes_have_of_a_dent_turns_where_that_is_less_off_and_is_kept_with_the_model(
+    condensed: Experiment, turns: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def error(run: Run, space: Space, names: list[str], update: Callable[[], object]) -> float:
+        return 0.02 if not len(space.squares) else 0.010 if space.turns == turns else 0.011
+
+    with Run(condensed.run) as run:
+        model, basis = run.model, run.basis_of("latent")
+        assert model.potential is not None
+        space = Space.condensed(run.scene, basis, (model.decoder, model.encoder), model.potential)
+        monkeypatch.setattr(swing, "online_error", error)
+        found = swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
+        assert len(found.squares) == 4 and found.turns == turns
+        write_model(tmp_path / "model.h5", run.header("model"), replace(model, squares=found.squares, turns=turns))
+    assert read_model(tmp_path / "model.h5")[0].turns == turns
 
 
 @pytest.mark.parametrize(

@@ -252,6 +252,7 @@ class BatchedStepper:
         ways = pulled.target - pulled.centre - torch.einsum("ngik,nk->ngi", pulled.B, q)
         forces = torch.einsum("nij,nj->ni", pulled.forces, ways.flatten(1))
         pull = torch.einsum("nim,ni->nm", pulled.turned, forces)
+        pull = torch.where(pull.isfinite(), pull, 0.0)  # of a lost instance, whose moduli others may share
         moved = swing.follows * q[:, -modes:] + swing.swung + swing.gives * pull
         return torch.cat([q[:, :-modes], moved], dim=1)
 

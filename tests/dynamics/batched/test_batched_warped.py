@@ -194,8 +194,9 @@ def test_the_loads_of_the_gradient_test_reach_where_the_laws_of_dents_end() -> N
 
 
 @pytest.mark.parametrize("spoilt", ["target", "stiffness", "gravity", "q"])
-def test_an_instance_that_is_not_finite_is_lost_and_the_others_do_not_notice(spoilt: str) -> None:
-    some, vertices = space("bent dents"), drawn(space("bent dents"))
+@pytest.mark.parametrize("of", ["bent dents", "modes that turn"])
+def test_an_instance_that_is_not_finite_is_lost_and_the_others_do_not_notice(spoilt: str, of: str) -> None:
+    some, vertices = space(of), drawn(space(of))
     stepper = BatchedStepper(some)
     loads = stepper.loads(acting(some)[:2])
     start = march(stepper, loads, 3)
