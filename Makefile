@@ -68,7 +68,7 @@ settings: $(USED) ## check the configuration and print it with defaults
 	@$(LDSIM) settings $(CONFIG)
 
 test: $(ENVIRONMENT) ## all tests
-	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4
+	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --max-worker-restart 0
 
 bounds: $(ENVIRONMENT) ## tests of what is compiled, every index checked; minutes to compile anew
 	NUMBA_BOUNDSCHECK=1 $(VENV)/bin/python -m pytest tests/optimise tests/mechanics tests/space tests/cubature \

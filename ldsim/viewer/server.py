@@ -134,7 +134,7 @@ class Server:
         return self._session.farewell
 
     def end(self) -> None:
-        """Stop serving."""
+        """Stop serving; in the thread that serves, for another one would not wake it."""
         self._ended.set()
 
     # Plain requests

@@ -250,8 +250,9 @@ def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(playable: Path) -
         tip = load(playable).surface.rest[-1].tolist()
         with joined(url) as page:
             page.send(json.dumps({"kind": "grab", "id": 1, "point": tip, "target": [0, 1, 0]}))
+            end = time.monotonic() + 30
             while next_frame(page)[2] != 1:
-                pass
+                assert time.monotonic() < end
         with joined(url) as page:
             end = time.monotonic() + 30
             while next_frame(page)[2] != 0:
@@ -296,15 +297,20 @@ def test_the_grace_begins_anew_when_a_page_came_and_left_again(monkeypatch: pyte
 def test_a_browser_in_the_foreground_gets_its_page(playable: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As one of a terminal does, it keeps whoever opens it waiting until it ends."""
     server, answers = play_server(playable, ["latent"], 0, until_closed=False), list[int]()
+    loops: list[asyncio.AbstractEventLoop] = []
+
+    def told(text: str) -> None:
+        if text.startswith("http"):
+            loops.append(asyncio.get_running_loop())
 
     def opened(address: str) -> bool:
         with urllib.request.urlopen(address, timeout=30) as answer:
             answers.append(answer.status)
-        server.end()
+        loops[0].call_soon_threadsafe(server.end)  # from here alone it would not wake the loop
         return True
 
     monkeypatch.setattr(webbrowser, "open", opened)
-    serve(server, browser=True, tell=str, warn=str)
+    serve(server, browser=True, tell=told, warn=str)
     assert answers == [200]
 
 
