@@ -13,10 +13,14 @@ the page, and is empty where nothing has changed.
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import io
 import json
 import re
+import tokenize
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +114,10 @@ TABLES: dict[str, Callable[[Content], list[list[str]]]] = {"motions": motions}
 
 
 def input_hashes(paths: Iterable[str]) -> dict[str, str]:
-    """SHA-256 of files, and of folders with all their Python files, by their path in the project."""
+    """SHA-256 of files, and of folders with all their Python files, by their path in the project.
+
+    Of Python files the code counts: what only explains it differently has changed no result.
+    """
     return {path: _hash(ROOT / path) for path in sorted(paths)}
 
 
@@ -118,8 +125,25 @@ def _hash(path: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
         digest.update(str(file.relative_to(path)).encode())
-        digest.update(file.read_bytes() if file.is_file() else b"missing")
+        content = file.read_bytes() if file.is_file() else b"missing"
+        digest.update(code(content.decode()).encode() if file.suffix == ".py" else content)
     return digest.hexdigest()
+
+
+@cache
+def code(source: str) -> str:
+    """Python source without comments, docstrings and empty lines."""
+    lines = source.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and first.end_lineno is not None:
+                lines[first.lineno - 1 : first.end_lineno] = [""] * (first.end_lineno - first.lineno + 1)
+    return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def staleness(content: Content) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from reproduction.pages import PAGES, ROOT, filled, input_hashes, stale_numbers, staleness, unmarked
+from reproduction.pages import PAGES, ROOT, code, filled, input_hashes, stale_numbers, staleness, unmarked
 
 MEASURED = re.compile(r"\d[\d.,]*\s?(?:%|ms\b|µs\b|min\b|times as)")
 
@@ -76,6 +76,15 @@ def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
     assert not staleness({"inputs": inputs})
     assert staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
     assert staleness({"inputs": {}}) and staleness({})
+
+
+def test_a_comment_or_a_docstring_makes_no_result_stale_and_code_does() -> None:
+    source = (
+        '"""A room."""\nONE = "# 1"  # the first\n\n\nclass Thing:\n    """Two\n    lines."""\n\n    x = f"{ONE}"\n'
+    )
+    assert code(source) == 'ONE = "# 1"\nclass Thing:\n    x = f"{ONE}"'
+    assert code(source.replace("the first", "one").replace("lines", "words")) == code(source)
+    assert code(source.replace("# 1", "# 2")) != code(source)
 
 
 def test_a_stale_table_says_so(tmp_path: Path) -> None:
