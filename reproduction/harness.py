@@ -30,7 +30,7 @@ from ldsim.report.machine import describe_machine
 from ldsim.run import Run
 from ldsim.settings import STAGES, Settings, settings_of
 from ldsim.settings.make import Staleness
-from reproduction.pages import input_hashes
+from reproduction.pages import input_hashes, origin_of
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "reproduction" / "results"
@@ -235,14 +235,22 @@ def rows_before(name: str, model: str) -> list[Row]:
     return [each for each in _results(name)["rows"] if each["model"] == model]
 
 
-def rows_of_others(name: str, models: Sequence[str], inputs: Sequence[str]) -> list[Row]:
-    """What the results of a name hold of all models but some, which are measured anew.
+def add_results(name: str, command: str, rows: Sequence[Row], inputs: Sequence[str]) -> Path:
+    """Write the rows of some models into results/NAME.json, beside those of all others; returns the file.
 
-    Rows of other code or configurations are left out, for what is written says that all are of these inputs.
+    Where others' rows come from stays with them, in `earlier` by model, where it was another code or configuration.
     """
-    content = _results(name)
-    same = content.get("inputs") == input_hashes(inputs)
-    return [each for each in content["rows"] if each["model"] not in models] if same else []
+    content, now = _results(name), origin(command, inputs=inputs)
+    found = {model: rows_before(name, model) for model in dict.fromkeys(each["model"] for each in content["rows"])}
+    own = {
+        model: [each for each in rows if each["model"] == model] for model in dict.fromkeys(r["model"] for r in rows)
+    }
+    before = {model: origin_of(content, model) for model in found if model not in own}
+    other = {model: {key: each.get(key) for key in now} for model, each in before.items()}
+    earlier = {model: each for model, each in other.items() if each["inputs"] != now["inputs"]}
+    path = RESULTS / f"{name}.json"
+    write_json(path, now | ({"earlier": earlier} if earlier else {}) | {"rows": sum((found | own).values(), [])})
+    return path
 
 
 def _results(name: str) -> dict[str, Any]:

@@ -53,9 +53,12 @@ def filled(text: str, results: Path = RESULTS) -> str:
 
 def stale_numbers(text: str, results: Path = RESULTS) -> str:
     """What a page says of its numbers whose results are stale, with the days they are of; nothing where none is."""
-    files = {found[2].partition("|")[0].strip() for found in MARKED.finditer(text) if found[1] == "number"}
-    contents = [json.loads((results / file).read_text(encoding="utf-8")) for file in files]
-    days = sorted({content["created"][:10] for content in contents if staleness(content)})
+    numbers = {
+        tuple(map(str.strip, found[2].split("|")[:2])) for found in MARKED.finditer(text) if found[1] == "number"
+    }
+    contents = {file: json.loads((results / file).read_text(encoding="utf-8")) for file, _ in numbers}
+    measured = [origin_of(contents[file], model) for file, model in numbers]
+    days = sorted({origin["created"][:10] for origin in measured if _is_stale(origin)})
     if not days:
         return ""
     when = days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
@@ -146,7 +149,18 @@ def code(source: str) -> str:
     return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
+def origin_of(content: Content, model: str) -> Content:
+    """What tells where the rows of a model come from: the result itself, or its entry in `earlier`."""
+    origin: Content = content.get("earlier", {}).get(model, content)
+    return origin
+
+
 def staleness(content: Content) -> str:
     """What a page says of a result some of whose inputs have changed since, or are not known; else nothing."""
-    inputs = content.get("inputs")
-    return " **Stale**: the code has changed since." if not inputs or input_hashes(inputs) != dict(inputs) else ""
+    stale = any(map(_is_stale, [content, *content.get("earlier", {}).values()]))
+    return " **Stale**: the code has changed since." if stale else ""
+
+
+def _is_stale(origin: Content) -> bool:
+    inputs = origin.get("inputs")
+    return not inputs or input_hashes(inputs) != dict(inputs)

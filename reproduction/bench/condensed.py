@@ -6,8 +6,7 @@ can have and says nothing of their time. A row tells how many linear dimensions 
 motion; where no dimension swept is as good, that it is worth more than the largest. Beside them stand two floors:
 linear elasticity in the full space, which tells how nonlinear a motion is, and the condensed space of linear
 elasticity, which needs no samples. Then loads that no motion had, from rest, beside the full space: gravity of other
-directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids by
-the same code.
+directions, and two grabs at once. Results go to reproduction/results/condensed.json, beside those of other solids.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
 from reproduction.bench.space import errors, worth
 from reproduction.bench.space_parts import STOP, measure_stepped
-from reproduction.harness import PIPELINE, Row, called, parser, row, rows_of_others, show, write_results
+from reproduction.harness import PIPELINE, Row, add_results, called, parser, row, show
 from reproduction.reduced_runs import played, reference
 from reproduction.rivals.condensed_linear import condensed_linear
 from reproduction.rivals.every_element import EveryElement
@@ -166,21 +165,14 @@ def arguments() -> argparse.ArgumentParser:
     return found
 
 
-def _experiment(folder: Path) -> str:
-    with Run.open(folder) as run:
-        return run.experiment
-
-
 def main() -> None:
     given = arguments().parse_args()
     swept = tuple(given.linear or DIMENSIONS)
-    rows = rows_of_others(NAME, [_experiment(folder) for folder in given.runs], PIPELINE)
     with one_thread():
         for folder in given.runs:
             with Run.open(folder) as run:
                 solid = run.experiment.removesuffix("_condensed")
-                rows += measure(run, solid, swept)
-                write_results(NAME, called(NAME), rows, inputs=PIPELINE)
+                add_results(NAME, called(NAME), measure(run, solid, swept), PIPELINE)
 
 
 if __name__ == "__main__":

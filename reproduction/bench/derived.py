@@ -22,7 +22,7 @@ from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from ldsim.settings.enrich import current
-from reproduction.harness import PIPELINE, ROOT, Row, called, linked, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, ROOT, Row, add_results, called, linked, parser, row, rows_before, show
 
 NAME = "derived"
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
@@ -105,12 +105,10 @@ def main() -> None:
     arguments.add_argument("--error", type=float, default=5.0, help="per cent, what is asked for")
     arguments.add_argument("--minutes", type=float, default=20.0, help="after which no round is begun")
     given = arguments.parse_args()
-    rows = {solid: rows_before(NAME, solid) for solid in SOLIDS}
     for solid in given.solids:
-        rows[solid] = made(solid, given.folder.resolve(), given.frontiers.resolve(), given.error, given.minutes)
-        show(rows[solid], solid)
-        joined = [each for some in rows.values() for each in some]
-        write_results(NAME, called(NAME), joined, inputs=INPUTS)
+        rows = made(solid, given.folder.resolve(), given.frontiers.resolve(), given.error, given.minutes)
+        show(rows, solid)
+        add_results(NAME, called(NAME), rows, INPUTS)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from ldsim.pipeline.options import MotionOptions
 from ldsim.pipeline.snapshot import motion
 from ldsim.run import Run
 from reproduction.bench.solid_files import COARSE, SOLIDS, write_solid
-from reproduction.harness import PIPELINE, Row, called, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, Row, add_results, called, parser, row, show
 from reproduction.reduced_runs import played
 from tests.viewer.browser import Tab, chromium
 
@@ -121,7 +121,6 @@ def main() -> None:
     )
     arguments.add_argument("--folder", type=Path, default=Path("runs") / "solids", help="where files and runs lie")
     given = arguments.parse_args()
-    rows = {name: rows_before(NAME, name) for name in SOLIDS}
     folder = given.folder.resolve()
     for seed, name in enumerate(SOLIDS):
         config, output = folder / f"{name}.yaml", folder / f"{name}_by_hand.csv"
@@ -131,10 +130,9 @@ def main() -> None:
             record(config, output, seed)
         with Run(folder / "runs" / name, name) as run:
             options = MotionOptions(name="by_hand", role="test", recording=str(output))
-            rows[name] = off(run, motion(run.scene, options))
-        show(rows[name], name)
-        joined = [each for some in rows.values() for each in some]
-        write_results(NAME, called(NAME), joined, inputs=[*PIPELINE, "reproduction/bench/solid_files.py"])
+            rows = off(run, motion(run.scene, options))
+        show(rows, name)
+        add_results(NAME, called(NAME), rows, [*PIPELINE, "reproduction/bench/solid_files.py"])
 
 
 if __name__ == "__main__":

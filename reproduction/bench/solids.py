@@ -19,7 +19,7 @@ from ldsim.report.schema import RunNumbers
 from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
 from reproduction.bench.solid_files import SOLIDS, write_solid
-from reproduction.harness import PIPELINE, Row, called, parser, row, rows_before, show, write_results
+from reproduction.harness import PIPELINE, Row, add_results, called, parser, row, show
 
 NAME, ASKED = "solids", 5.0
 INPUTS = (*PIPELINE, "ldsim/settings", "reproduction/bench/solid_files.py")
@@ -73,12 +73,10 @@ def main() -> None:
     arguments.add_argument("--folder", type=Path, default=Path("runs") / "solids", help="where files and runs lie")
     arguments.add_argument("--minutes", type=float, default=20.0, help="after which no round is begun")
     given = arguments.parse_args()
-    rows = {name: rows_before(NAME, name) for name in SOLIDS}
     for name in given.solids or SOLIDS:
-        rows[name] = made(name, given.folder.resolve(), given.minutes)
-        show(rows[name], name)
-        joined = [each for some in rows.values() for each in some]
-        write_results(NAME, called(NAME), joined, inputs=INPUTS)
+        rows = made(name, given.folder.resolve(), given.minutes)
+        show(rows, name)
+        add_results(NAME, called(NAME), rows, INPUTS)
 
 
 if __name__ == "__main__":

@@ -76,6 +76,8 @@ def test_a_result_is_stale_when_what_it_was_made_from_has_changed() -> None:
     assert not staleness({"inputs": inputs})
     assert staleness({"inputs": inputs | {"configs/demo.yaml": "0" * 64}})
     assert staleness({"inputs": {}}) and staleness({})
+    assert staleness({"inputs": inputs, "earlier": {"x": {"inputs": inputs | {"configs/demo.yaml": "0" * 64}}}})
+    assert not staleness({"inputs": inputs, "earlier": {"x": {"inputs": inputs}}})
 
 
 def test_a_comment_or_a_docstring_makes_no_result_stale_and_code_does() -> None:
@@ -107,3 +109,6 @@ def test_a_page_says_of_which_days_its_stale_numbers_are(tmp_path: Path) -> None
     assert not told({}, earlier)
     assert told(changed, earlier).endswith("measured (2030-01-02).")
     assert told(changed, earlier | {"inputs": {}}).endswith("measured (2029-12-31 to 2030-01-02).")
+    # where a model has an origin of its own, that one counts
+    assert not told(changed | {"earlier": {"demo": known}}, {})
+    assert told({"earlier": {"demo": known | changed | earlier}}, {}).endswith("measured (2029-12-31).")

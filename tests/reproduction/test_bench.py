@@ -7,6 +7,7 @@ import json
 import pkgutil
 import sys
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -18,7 +19,7 @@ from reproduction import harness
 from reproduction.bench.kept import kept, kept_rules
 from reproduction.bench.novelty import area
 from reproduction.bench.repeat import difference
-from reproduction.harness import called, row, write_results
+from reproduction.harness import add_results, called, row, write_json, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
@@ -98,15 +99,28 @@ def test_kept_rules_come_back_as_they_were(tmp_path: Path) -> None:
                 np.testing.assert_array_equal(rule.maps, expected.maps)
 
 
-def test_rows_of_other_models_stay_where_one_is_measured_anew_by_the_same_code(
+def test_rows_of_other_models_stay_and_tell_of_what_code_they_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(harness, "RESULTS", tmp_path)
     code = ["ldsim/space"]
-    assert harness.rows_of_others("a", ["x"], code) == []
-    write_results("a", "a command", [row("x", "error", 0.1), row("beam", "error", 0.2)], inputs=code)
-    assert harness.rows_of_others("a", ["x"], code) == harness.rows_before("a", "beam") == [row("beam", "error", 0.2)]
-    assert harness.rows_of_others("a", ["x"], ["ldsim/learn"]) == []
+
+    def written(command: str, *errors: tuple[str, float]) -> dict[str, Any]:
+        path = add_results("a", command, [row(model, "error", error) for model, error in errors], code)
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return found
+
+    first = written("first", ("x", 0.1), ("beam", 0.2))
+    again = written("again", ("x", 0.3))
+    assert again["rows"] == [row("x", "error", 0.3), row("beam", "error", 0.2)]
+    assert "earlier" not in again  # all are of one code
+    write_json(tmp_path / "a.json", first | {"inputs": {"ldsim/space": "0" * 64}})
+    other = written("other", ("x", 0.4))
+    assert {model: each["command"] for model, each in other["earlier"].items()} == {"beam": "first"}
+    assert other["earlier"]["beam"]["inputs"] == {"ldsim/space": "0" * 64} != other["inputs"]
+    assert written("third", ("dragon", 0.5))["earlier"] == other["earlier"]
+    last = written("last", ("beam", 0.6))
+    assert "earlier" not in last and harness.rows_before("a", "dragon") == [row("dragon", "error", 0.5)]
 
 
 def test_artefacts_differ_by_their_largest_number_and_not_by_measured_times(tmp_path: Path) -> None:
