@@ -100,8 +100,8 @@ in seconds unless the key says otherwise. A value that was not measured is null;
 PYTHON_INTRODUCTION = """# Python
 
 `from ldsim import load, view, BatchedSimulator, Run, simulate, Simulator` is the front door;
-[the simulator](../guide/simulator.md) shows it in use, [batches](../guide/batched.md) many at once,
-[stages from Python](../guide/python.md) the pipeline.
+[the simulator](../guide/simulator.md) shows it in use, [batches](../guide/batched.md) step many instances at once, and
+the stages are [functions](../guide/python.md).
 """
 
 GALLERY_INTRODUCTION = """# Gallery
@@ -143,8 +143,9 @@ NOTES = {
     "tests": "The motions of the role `test`, as in snapshots.h5; there may be none. Nothing before `ldsim simulate` "
     "reads it.",
     "model": "The header also has `activation`, and `met`: 1 where the largest training error is within "
-    "`train.tolerance_mm`, else 0. Layers are numbered from 0. The decoder is φ(z) = N(z) − N(0), the encoder "
-    "ψ(q) = E(q) − E(0), with N and E the perceptrons stored here ([theory](../guide/theory.md)).",
+    "`train.tolerance_mm`, else 0; a condensed space has no `met`. Layers are numbered from 0. The decoder is "
+    "φ(z) = N(z) − N(0), of a condensed space + Aᵀz, the encoder ψ(q) = E(q) − E(0), with N and E the perceptrons "
+    "stored here ([theory](../guide/theory.md)).",
     "cubature": "The groups are `latent`, `linear` (of kp columns) and `linear_<k>` of other sizes. The rules of a "
     "path are of growing size and falling error; `chosen` is the one that the fit was for. The header also has the "
     "seconds that each fit took.",

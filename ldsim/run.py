@@ -207,7 +207,7 @@ class Run:
 
     @property
     def model(self) -> StoredModel:
-        """The autoencoder and how it came about."""
+        """The latent space, an autoencoder or a condensed one, and how it came about."""
         return self._get("model", read_model, "basis")
 
     @property

@@ -94,7 +94,7 @@ def read_basis(path: Path, scene: Scene) -> tuple[Pca, Header]:
 
 @dataclass(frozen=True, eq=False)
 class StoredModel:
-    """model.h5: the autoencoder and how it came about.
+    """model.h5: the latent space, an autoencoder or a condensed one, and how it came about.
 
     Attributes:
         loss: training and validation loss after each epoch, (epochs, 2).

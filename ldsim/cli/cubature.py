@@ -1,4 +1,4 @@
-"""`ldsim cubature`: choose the cubature points of the latent and of the matching linear space."""
+"""`ldsim cubature`: choose the cubature points of the latent space and of linear ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ldsim.pipeline.cubature import cubature, summary
 from ldsim.settings.make import MISSED
 
 
-@stage_command("cubature", "Choose the cubature points of the latent and of the matching linear space.")
+@stage_command("cubature", "Choose the cubature points of the latent space and of linear ones.")
 def command(call: Call) -> None:
     options = call.settings.cubature
     found = cubature(call.run, options, call.progress)

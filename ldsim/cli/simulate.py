@@ -1,4 +1,4 @@
-"""`ldsim simulate`: run the motions in the full, linear and latent space and compare."""
+"""`ldsim simulate`: run the motions in the full, the latent and the linear spaces, and compare."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ldsim.dynamics.trajectory import Trajectory
 from ldsim.pipeline.simulate import simulate
 
 
-@stage_command("simulate", "Run the motions in the full, linear and latent space and compare.")
+@stage_command("simulate", "Run the motions in the full, the latent and the linear spaces, and compare.")
 def command(call: Call) -> None:
     runs = simulate(call.run, call.settings.simulate, call.progress, call.settings.snapshot)
     call.done("simulation", "; ".join(_summary(space, motions) for space, motions in runs.items()))

@@ -82,10 +82,13 @@ class VertexErrors(ReportSection):
 class Reconstruction(ReportSection):
     """Error of projecting the poses of one role on each space."""
 
-    autoencoder: VertexErrors | None
-    pca_r: VertexErrors | None
-    pca_kp: VertexErrors | None
-    pca_k: VertexErrors | None
+    autoencoder: Annotated[
+        VertexErrors | None,
+        _about("the latent space, also a condensed one, but without what pulls and weight move beside its coordinates"),
+    ]
+    pca_r: Annotated[VertexErrors | None, _about("the linear space of r columns")]
+    pca_kp: Annotated[VertexErrors | None, _about("the linear space of kp columns")]
+    pca_k: Annotated[VertexErrors | None, _about("the linear space of the whole basis")]
 
 
 class RoleReconstructions(ReportSection):
