@@ -1,4 +1,4 @@
-"""The stage train: snapshots and a basis → the autoencoder."""
+"""The stage train: snapshots and a basis → the latent space, an autoencoder or a condensed one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NO_VALIDATION = "warning: no motion has the role validation, so choices and thre
 def train(
     run: Run, options: TrainOptions = TrainOptions(), progress: Progress = SILENT, keep: bool = False
 ) -> StoredModel:
-    """Train the autoencoder of a run that has its basis, and write model.h5.
+    """Train the latent space of a run that has its basis, of the kind that the options name, and write model.h5.
 
     What was interrupted goes on where it was, and ends as if it had not been, when it is called with the same options.
 
