@@ -23,7 +23,7 @@ from reproduction.harness import add_results, called, row, write_json, write_res
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "coordinates", "cubature", "derived", "enrichment", "examples"),
+    *("batched", "blocks", "browser", "condensed", "cubature", "derived", "enrichment", "examples"),
     *("frontier", "full_space", "fuzz", "hand", "newcomer", "novelty", "repeat", "rival_spaces", "runtime", "soak"),
     *("solids", "space", "statement", "step_parts", "time_steps", "two_commands"),
 ]
