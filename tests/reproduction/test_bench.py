@@ -25,7 +25,7 @@ MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, 
 BENCHES = [
     *("batched", "blocks", "browser", "condensed", "cubature", "derived", "enrichment", "examples"),
     *("frontier", "full_space", "fuzz", "hand", "newcomer", "novelty", "repeat", "rival_spaces", "runtime", "soak"),
-    *("solids", "space", "statement", "step_parts", "time_steps", "two_commands"),
+    *("solids", "space", "statement", "time_steps", "two_commands"),
 ]
 
 

@@ -132,7 +132,7 @@ def test_a_relation_that_does_not_hold_is_shown_with_its_number(
 
 def test_a_result_knows_what_it_follows_from() -> None:
     profile = command.inputs("fig12")
-    assert {"ldsim/dynamics", "reproduction/paper/timing.py", "reproduction/bench/step_parts.py"} < set(profile)
+    assert {"ldsim/dynamics", "reproduction/paper/timing.py", "reproduction/paper/evaluation.py"} < set(profile)
     assert not {"reproduction/paper/table.py", "reproduction/paper/pendulum.py"} & set(profile)
 
 
