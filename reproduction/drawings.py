@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reproduction.bench import cubature, frontier, full_space, space
+from reproduction.bench import frontier, full_space, space
 from reproduction.harness import RESULTS, Row
 
 FRAME = re.compile(r"median dragging frame, (\d+) cells")
@@ -26,10 +26,6 @@ def drawings() -> Iterator[tuple[str, str, Path]]:
             yield f"{file.stem}.svg", frontier.picture(rows, name), file
         elif file.stem.startswith("space_"):
             yield f"space_{name}.svg", space.picture(rows, name), file
-        elif file.stem == "cubature":
-            start = "error, held-out poses, "
-            for model in sorted({r["model"] for r in rows if r["quantity"].startswith(start)}):
-                yield f"cubature_{model}.svg", cubature.picture(rows, model), file
 
 
 def _scaling(rows: list[Row]) -> str:

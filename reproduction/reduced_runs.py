@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -65,18 +64,13 @@ def play(
     return played(ReducedStepper(space, options), reference(run, motion, frames))
 
 
-def played(
-    stepper: ReducedStepper | EveryElement,
-    full: Reference,
-    window: float | None = None,
-    progress: Callable[[], object] | None = None,
-) -> Trajectory:
+def played(stepper: ReducedStepper | EveryElement, full: Reference, window: float | None = None) -> Trajectory:
     """A motion with its errors, where a window is given also restarted from the full space every so many seconds."""
     stepper = cast(ReducedStepper, stepper)  # every element has all that is asked of it
-    whole, windowed = run_reduced(stepper, full, progress=progress), None
+    whole, windowed = run_reduced(stepper, full), None
     if window is not None:
         restarts = restarts_every(full.motion, stepper.scene, window)
-        windowed = run_reduced(stepper, full, restarts=restarts, progress=progress)
+        windowed = run_reduced(stepper, full, restarts=restarts)
     return with_errors(whole, stepper.space, full, windowed)
 
 

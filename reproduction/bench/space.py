@@ -14,6 +14,10 @@ Results of each given run go to reproduction/results/space_RUN.json.
 from __future__ import annotations
 
 import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -23,15 +27,25 @@ from ldsim.jit import one_thread
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.space import Space
-from reproduction.bench.kept import kept
 from reproduction.bench.space_parts import latent_of, measure_pca, measure_space, measure_stepped
-from reproduction.harness import Row, called, parser, row, show, write_results
+from reproduction.harness import Row, called, parser, row, show, write_json, write_results
 
 NAME = "space"
 DIMENSIONS = (10, 15, 20, 25, 30, 35, 40, 50, 60)
 QUICK = (10, 25, 40)
 # r of the paper's Table 1.
 PAPER_R = {"x": 6, "beam": 10, "elephant": 7, "armadillo": 20}
+
+
+def kept(path: Path, measure: Callable[[], list[Row]]) -> list[Row]:
+    """What a JSON file holds, measured where there is none; says what is going on."""
+    if not path.exists():
+        started = time.perf_counter()
+        print(f"{path.stem} …", file=sys.stderr, flush=True)
+        write_json(path, {"kept": measure()})
+        print(f"{path.stem}: {time.perf_counter() - started:.0f} s", file=sys.stderr, flush=True)
+    found: list[Row] = json.loads(path.read_text(encoding="utf-8"))["kept"]
+    return found
 
 
 def errors(rows: list[Row], motion: str, kind: str) -> dict[int, float]:

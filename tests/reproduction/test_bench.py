@@ -14,16 +14,15 @@ import numpy as np
 import pytest
 
 import reproduction
-from ldsim.cubature.rule import CubatureRule
 from reproduction import harness
-from reproduction.bench.kept import kept, kept_rules
 from reproduction.bench.novelty import area
 from reproduction.bench.repeat import difference
+from reproduction.bench.space import kept
 from reproduction.harness import add_results, called, row, write_json, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "cubature", "derived", "enrichment", "examples"),
+    *("batched", "blocks", "browser", "condensed", "derived", "enrichment", "examples"),
     *("frontier", "full_space", "fuzz", "hand", "newcomer", "novelty", "repeat", "rival_spaces", "runtime", "soak"),
     *("solids", "space", "statement", "time_steps", "two_commands"),
 ]
@@ -76,27 +75,9 @@ def test_the_area_under_a_roc_curve_is_how_often_bad_frames_score_higher(score: 
 
 
 def test_what_is_kept_is_not_measured_again(tmp_path: Path) -> None:
-    assert kept(tmp_path / "a.json", lambda: [1.5]) == [1.5]
-    assert kept(tmp_path / "a.json", lambda: [2.5]) == [1.5]
-
-
-def test_kept_rules_come_back_as_they_were(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    rules = [
-        CubatureRule(np.array([3, 5]), np.array([1.0, 2.0]), 0.5, heldout_error=0.75),
-        CubatureRule(np.array([2]), np.array([1.5]), 0.25, rng.normal(size=(1, 9, 4))),
-    ]
-    path = tmp_path / "new" / "rules.npz"
-    for found in (kept_rules(path, lambda: rules), kept_rules(path, list)):
-        assert len(found) == len(rules)
-        for rule, expected in zip(found, rules, strict=True):
-            assert list(rule.points) == list(expected.points)
-            assert list(rule.weights) == list(expected.weights)
-            assert rule.training_error == expected.training_error
-            assert rule.heldout_error == pytest.approx(expected.heldout_error, nan_ok=True)
-            assert (rule.maps is None) == (expected.maps is None)
-            if rule.maps is not None and expected.maps is not None:
-                np.testing.assert_array_equal(rule.maps, expected.maps)
+    first, second = ([row("x", "a number", value)] for value in (1.5, 2.5))
+    assert kept(tmp_path / "a.json", lambda: first) == first
+    assert kept(tmp_path / "a.json", lambda: second) == first
 
 
 def test_rows_of_other_models_stay_and_tell_of_what_code_they_are(
