@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
@@ -16,8 +17,6 @@ from ldsim.run import Run
 from ldsim.space.projection import all_coordinates
 from ldsim.space.space import Space
 from reproduction.rivals.every_element import EveryElement
-
-Array = NDArray[np.float64]
 
 PLAYED = ReducedOptions(tolerance=1e-8)
 # Seconds between restarts from the full space, of the windowed error.

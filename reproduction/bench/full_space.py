@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from ldsim.arrays import Array
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header, file_hash
@@ -51,7 +52,6 @@ from ldsim.pipeline.ensemble import run_motion
 from ldsim.report.svg import PALETTE, new_axes, to_svg
 from reproduction.harness import ROOT, Row, called, parser, row, show, write_results
 
-Array = NDArray[np.float64]
 Solver = Literal["auto", "direct", "multigrid"]
 
 NAME = "full_space"

@@ -26,8 +26,6 @@ from reproduction.harness import Row, linked, row
 from reproduction.reduced_runs import WINDOW, latent, played, reference
 from reproduction.rivals.every_element import EveryElement
 
-Array = NDArray[np.float64]
-
 POSES = 20
 # Of the reduced steps, N: 10⁻⁷ of h² times the potential, the loosest of the authors' code.
 STOP = ReducedOptions(tolerance=4e-3)

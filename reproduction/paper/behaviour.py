@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.cubature.choose import PoseSplit, choose_on_mesh, split_poses
 from ldsim.cubature.options import FitOptions
 from ldsim.cubature.samples import PoseSpace
@@ -22,8 +23,6 @@ from reproduction.paper.minimisers import PAPER
 from reproduction.paper.scenes import bar, catapult, dragon, elephant
 from reproduction.paper.stills import farthest_frame, still
 from reproduction.reduced_runs import a_step, displacements, latent, online_error, play, training_coordinates
-
-Array = NDArray[np.float64]
 
 LINEAR_MODES = 6
 POSES = 100

@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper
 from ldsim.dynamics.reduced.options import ReducedOptions
@@ -30,7 +30,6 @@ from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import cross
 from reproduction.reduced_runs import latent, training_coordinates
 
-Array = NDArray[np.float64]
 Solve = Callable[[int], Solution]
 
 # So long a time step that inertia is nothing: a quasi-static solve.

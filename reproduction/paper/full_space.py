@@ -13,13 +13,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from ldsim.learn.network import Autoencoder, extract
 from ldsim.learn.options import TrainOptions
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
-
-Array = NDArray[np.float64]
 
 MODES = ("random", "pca_trained", "pca_frozen")
 

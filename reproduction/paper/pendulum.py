@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.report.svg import PALETTE, legend, new_axes, to_svg
 from ldsim.run import Run
 from ldsim.space.space import Space
@@ -15,8 +15,6 @@ from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import Configuration
 from reproduction.paper.stills import farthest_frame, still
 from reproduction.reduced_runs import displacements, largest_error, latent, online_error, play, training_coordinates
-
-Array = NDArray[np.float64]
 
 LENGTH, REACH = 0.27, np.deg2rad(60)
 PIN = 0.001

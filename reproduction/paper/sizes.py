@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples
@@ -18,8 +17,6 @@ from reproduction.harness import Harness
 from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.scenes import bar, cross
 from reproduction.reduced_runs import largest_error, play, training_coordinates
-
-Array = NDArray[np.float64]
 
 # The paper's loss, all coordinates alike; a tenth of the frames is kept back to choose the weights.
 PAPER = TrainOptions(balance=0.0, validation_share=0.1)

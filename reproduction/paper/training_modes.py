@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples
 from ldsim.learn.options import TrainOptions
@@ -21,8 +21,6 @@ from reproduction.paper.experiment import Outcome, Relation
 from reproduction.paper.full_space import train_full_space
 from reproduction.paper.scenes import coarse_bar
 from reproduction.reduced_runs import displacements
-
-Array = NDArray[np.float64]
 
 LATENT_DIMENSION, OUTER_DIMENSION = 5, 15
 # Of the linear spaces beside them.

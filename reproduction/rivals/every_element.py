@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.matrices import reduced_mass
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.mechanics.elastic import add_elastic_gradient
@@ -21,8 +22,6 @@ from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.optimise.minimiser import minimise
 from ldsim.optimise.solution import Solution
 from ldsim.space.space import Space
-
-Array = NDArray[np.float64]
 
 # Steps that a preconditioner is kept for, and iterations after which it is given up.
 KEPT = 6

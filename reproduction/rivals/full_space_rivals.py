@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from ldsim.dynamics.full.linear_choice import choose
@@ -23,7 +22,6 @@ from ldsim.optimise.solution import Solution
 from reproduction.harness import Row, row
 from reproduction.rivals.scikit_fem_step import ScikitFemStepper
 
-Array = NDArray[np.float64]
 Step = Callable[[FullState, Loads], tuple[FullState, Solution]]
 
 # Frames before the first drag, for which nothing is noted: kernels are loaded, caches are filled.

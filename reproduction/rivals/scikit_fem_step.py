@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 from skfem.helpers import ddot, det, grad, inv, transpose
 
+from ldsim.arrays import Array
 from ldsim.dynamics.full.stepper import FullState
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason, Solution
 
-Array = NDArray[np.float64]
 IDENTITY = np.eye(3)
 
 
