@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.sealed_file import seal
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.properties import Properties
@@ -23,7 +24,6 @@ from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
-Array = NDArray[np.float64]
 STEPS = 1e-2 / 2.0 ** np.arange(7)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import issparse
 
+from ldsim.arrays import Array
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
     StoredModel,
@@ -38,8 +39,6 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.pca import Pca
 from tests.helpers import uniform_scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.export.arrays import model_arrays, safetensors, unit_loads, write_npz, write_safetensors
 from ldsim.export.formats import FORMATS
 from ldsim.export.paraview import write_vtu_series, write_xdmf
@@ -25,7 +26,6 @@ from ldsim.simulator.fields import FIELDS, VertexField
 from tests.helpers import scene
 from tests.report.small_run import changed
 
-Array = NDArray[np.float64]
 SPACES = ["full", "linear", "latent"]
 
 

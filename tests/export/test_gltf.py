@@ -23,7 +23,6 @@ from ldsim.mesh.surface import Surface
 from ldsim.run import Run
 from tests.helpers import derivative_order
 
-Array = NDArray[np.float64]
 Accessor = Callable[[int], NDArray[np.generic]]
 
 ROOT = Path(__file__).parents[2]

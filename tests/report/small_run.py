@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
 from ldsim.artefacts.records import (
     StoredModel,
@@ -34,8 +35,6 @@ from ldsim.space.pca import Pca, errors_against_k, orthonormalised
 from ldsim.space.projection import matching_dimension, reconstruction_error
 from ldsim.space.space import Space
 from tests.helpers import scene as scene_of
-
-Array = NDArray[np.float64]
 
 NAME = "tiny"
 K, R = 4, 2

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.errors import SolverError
 from reproduction.paper.full_space import MODES, train_full_space
 from tests.learn.test_modes import SHORT, K, R, swing
-
-Array = NDArray[np.float64]
 
 
 def displacements() -> tuple[NDArray[np.float32], Array]:

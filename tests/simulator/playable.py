@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.artefacts.records import (
     StoredModel,
     write_basis,
@@ -25,8 +25,6 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.pca import Pca, orthonormalised
 from tests.helpers import scene
-
-Array = NDArray[np.float64]
 
 K, R, KP = 9, 4, 6
 

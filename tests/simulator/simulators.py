@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.mechanics.scene import Scene
@@ -14,8 +14,6 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
 from tests.helpers import reduced_space
 from tests.simulator.playable import curved_decoder, modes, solid
-
-Array = NDArray[np.float64]
 
 BODY = solid(1)
 TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.mechanics.materials.kernels import energy_stress
 from ldsim.simulator import full_simulator
 from ldsim.simulator.fields import FIELDS, VertexField
 from tests.helpers import bent
 from tests.simulator.playable import solid
-
-Array = NDArray[np.float64]
 
 
 def slow(u: Array) -> Array:

@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator, load
@@ -25,7 +25,6 @@ from tests.viewer.served import served
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (apt-get install chromium)")
 
-Array = NDArray[np.float64]
 READY = "window.ldsim !== undefined && ldsim.ready"
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from ldsim.arrays import Array
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.errors import MotionError
@@ -16,8 +16,6 @@ from ldsim.mechanics.recording import read_recording
 from ldsim.simulator import Simulator, full_simulator
 from ldsim.viewer.recorder import Recorder
 from tests.simulator.playable import solid
-
-Array = NDArray[np.float64]
 
 BODY = solid(1)
 TIP = BODY.mesh.vertices[BODY.mesh.vertices[:, 0].argmax()]
