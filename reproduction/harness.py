@@ -135,6 +135,12 @@ def is_stale(run: Run, settings: Settings, stage: str, base: Path) -> bool:
         return True
 
 
+def ldsim(folder: Path, *words: str) -> int:
+    """The exit status of a command of ldsim, called in a folder; what it says goes to the terminal."""
+    print(f"$ ldsim {' '.join(words)}", flush=True)
+    return subprocess.run([sys.executable, "-m", "ldsim", *words], cwd=folder, check=False).returncode
+
+
 def linked(source: Path, folder: Path, kinds: Sequence[str]) -> Path:
     """A folder that has some artefacts of a run, where it has none of its own."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -11,8 +11,6 @@ that benchmark are used again where they lie. Results go to reproduction/results
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
 from ldsim.settings.enrich import current
-from reproduction.harness import PIPELINE, ROOT, Row, add_results, called, linked, parser, row, rows_before, show
+from reproduction.harness import PIPELINE, ROOT, Row, add_results, called, ldsim, linked, parser, row, rows_before, show
 
 NAME = "derived"
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
@@ -42,7 +40,7 @@ def written(solid: str, folder: Path) -> Path:
     hand, place = load_settings(by_hand(solid)), folder / f"{solid}.yaml"
     looked_at = folder / f"{solid}_new.yaml"
     if not looked_at.exists():
-        _call(folder, "new", os.path.expandvars(str(hand.mesh.file)), "--unit", "m", "--output", looked_at.name)
+        ldsim(folder, "new", os.path.expandvars(str(hand.mesh.file)), "--unit", "m", "--output", looked_at.name)
     new = load_settings(looked_at)
     taken = {name: getattr(new, name) for name in ("pca", "train", "cubature")}
     text = Settings(experiment=solid, mesh=hand.mesh, snapshot=hand.snapshot, **taken).dump(defaults=False)
@@ -51,17 +49,13 @@ def written(solid: str, folder: Path) -> Path:
     return place
 
 
-def _call(folder: Path, *arguments: str) -> int:
-    return subprocess.run([sys.executable, "-m", "ldsim", *arguments], cwd=folder, check=False).returncode
-
-
 def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float) -> list[Row]:
     """The rows of one solid; asked is the error, per cent."""
     folder.mkdir(parents=True, exist_ok=True)
     config, started = written(solid, folder), time.perf_counter()
     if (frontiers / solid).is_dir():
         linked(frontiers / solid, folder / "runs" / solid, SHARED)
-    status = _call(folder, "make", config.name, "--error", f"{asked:g}%", "--minutes", f"{minutes:g}")
+    status = ldsim(folder, "make", config.name, "--error", f"{asked:g}%", "--minutes", f"{minutes:g}")
     train, rounds = load_settings(current(config)).train, read_rounds(folder / "runs" / solid)
     rows = [
         row(solid, "error that was asked for", asked / 100),

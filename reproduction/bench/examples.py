@@ -14,7 +14,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +22,7 @@ from typing import Any
 from ldsim.pipeline.files import DATA_VARIABLE
 from ldsim.report.overview import NUMBERS, PAGE, report_of
 from ldsim.settings import load_settings
-from reproduction.harness import CONFIGS, RESULTS, ROOT, Row, checked_out, origin, parser, row, show, write_json
+from reproduction.harness import CONFIGS, RESULTS, ROOT, Row, checked_out, ldsim, origin, parser, row, show, write_json
 from reproduction.pages import input_hashes
 
 NAME = "examples"
@@ -52,14 +51,14 @@ def ran(config: Path, runs: Path) -> list[Row]:
     """What came of an example that can run here."""
     name, folder = config.stem, runs / config.stem
     print(f"\n{name}", flush=True)
-    status = ldsim("make", str(config), "--runs", str(runs))
+    status = ldsim(Path(), "make", str(config), "--runs", str(runs))
     reported = (folder / NUMBERS).is_file() and (folder / PAGE).is_file()
     rows = [row(name, "exit status", status, "", "== 0"), row(name, "reported", reported, "", "== True")]
     if status or not reported:
         return rows
     page = folder / "export" / f"{name}.html"
     page.unlink(missing_ok=True)
-    exported = ldsim("export", str(folder), "--playground", "--output", str(page))
+    exported = ldsim(Path(), "export", str(folder), "--playground", "--output", str(page))
     size = page.stat().st_size / 1e6 if page.is_file() else None
     rows += [row(name, "exit status of its page", exported, "", "== 0"), row(name, "live page", size, "MB")]
     return [*rows, *_numbers(name, folder), row(name, "commit", checked_out())]
@@ -75,12 +74,6 @@ def _numbers(name: str, folder: Path) -> list[Row]:
         rows += [row(name, "chosen space", head.space), row(name, "its numbers", head.dimension)]
         rows += [row(name, f"its error, {head.motion} ({head.role})", head.online_error)]
     return rows
-
-
-def ldsim(*words: str) -> int:
-    """The exit status of a command of ldsim, which says to the terminal what it says."""
-    print(f"$ ldsim {' '.join(words)}", flush=True)
-    return subprocess.run([sys.executable, "-m", "ldsim", *words], check=False).returncode
 
 
 def keep(config: Path, rows: Sequence[Row]) -> None:

@@ -8,8 +8,6 @@ reproduction/results/solids.json.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from ldsim.report.schema import RunNumbers
 from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
 from reproduction.bench.solid_files import SOLIDS, write_solid
-from reproduction.harness import PIPELINE, Row, add_results, called, parser, row, show
+from reproduction.harness import PIPELINE, Row, add_results, called, ldsim, parser, row, show
 
 NAME, ASKED = "solids", 5.0
 INPUTS = (*PIPELINE, "ldsim/settings", "reproduction/bench/solid_files.py")
@@ -30,15 +28,11 @@ def made(name: str, folder: Path, minutes: float) -> list[Row]:
     folder.mkdir(parents=True, exist_ok=True)
     source, config, started = write_solid(name, folder), folder / f"{name}.yaml", time.perf_counter()
     if not config.exists():
-        _call(folder, "new", source.name)
-    status = _call(folder, "make", config.name, "--error", f"{ASKED:g}%", "--minutes", f"{minutes:g}")
+        ldsim(folder, "new", source.name)
+    status = ldsim(folder, "make", config.name, "--error", f"{ASKED:g}%", "--minutes", f"{minutes:g}")
     rows = [row(name, "exit status", status, goal="== 0"), row(name, "time", time.perf_counter() - started, "s")]
     numbers = report_of(folder / "runs" / name)
     return rows if numbers is None else [*rows, *_numbers(name, config, numbers, folder)]
-
-
-def _call(folder: Path, *arguments: str) -> int:
-    return subprocess.run([sys.executable, "-m", "ldsim", *arguments], cwd=folder, check=False).returncode
 
 
 def _numbers(name: str, config: Path, numbers: RunNumbers, folder: Path) -> list[Row]:

@@ -28,7 +28,7 @@ def test_scene_and_motions_are_those_by_hand_and_all_else_is_what_new_writes(
         (folder / "x_new.yaml").write_text(new.dump(defaults=False), encoding="utf-8")
         return 0
 
-    monkeypatch.setattr(derived, "_call", call)
+    monkeypatch.setattr(derived, "ldsim", call)
     found, hand = load_settings(written("x", tmp_path)), load_settings(by_hand("x"))
     assert found.experiment == "x" and found.train == new.train and found.pca == new.pca
     assert found.mesh == hand.mesh and found.snapshot == hand.snapshot
