@@ -32,19 +32,11 @@ from typing import IO, Any
 import meshio
 import yaml
 
-from reproduction.bench.blocks_lines import (
-    FENCED,
-    PAGES,
-    PRESUMED,
-    STANDS_FOR,
-    is_quick,
-    is_server,
-    lines_of,
-    reason,
-)
+from reproduction.bench.blocks_lines import FENCED, PRESUMED, STANDS_FOR, is_quick, is_server, lines_of, reason
 from reproduction.bench.newcomer import pulled
 from reproduction.bench.solid_files import write_solid
 from reproduction.harness import CONFIGS, RESULTS, ROOT, Row, origin, parser, row, show, write_json
+from reproduction.pages import PAGES
 from tests.viewer.browser import Tab
 
 NAME = "blocks"

@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from reproduction.harness import ROOT
-
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))]
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 PROGRAMS = r"source|\(?cd|make|node|dask|pip|python|(?:\S*/)?(?:ldsim|python)"
 LINE = re.compile(rf"^    ((?:\w+=\S* )*(?:{PROGRAMS})(?: [^\n]*)?)$", re.M)
