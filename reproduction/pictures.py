@@ -79,11 +79,7 @@ def film(runs: Path) -> None:
         movements = []
         for one, title in zip(shown, words.values(), strict=True):
             positions = np.stack([rest + one.displacement(i) @ turn.T for i in frames])
-            pulls = [
-                [(at[held].mean(axis=0), turn @ target) for held, target in one.pulls(i)]
-                for i, at in zip(frames, positions, strict=True)
-            ]
-            movements.append(Movement(title, positions, pulls))
+            movements.append(Movement.pulled(title, positions, map(one.pulls, frames), turn))
         view = look_at_broadside(rest, np.concatenate([each.positions for each in movements]))
         pictures = moving_pictures(movements, surface_triangles(run.scene.mesh), view, FILM_WIDTH)
         keep("demo.webp", webp(list(pictures), SLOWER * h * frames.step), [DEMO])

@@ -45,6 +45,11 @@ class Recorded:
     seconds: Array
     identity: str = ""
 
+    def pulls(self, frame: int) -> list[tuple[Indices, Array]]:
+        """What is held in a frame, (g,) vertices, and where to, (3,) metres, by every drag that pulls in it."""
+        drags, held = self.motion.drags, self.held
+        return [(held[i], drags[i].targets[frame - drags[i].start]) for i in self.motion.active(frame) if i in held]
+
 
 def motion_arrays(motion: Motion, held: Mapping[int, Indices]) -> dict[str, NDArray[np.generic]]:
     """A motion and its held vertices as arrays."""

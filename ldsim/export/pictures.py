@@ -76,13 +76,10 @@ def _pictures(playback: Playback, shown: list[int], look: PictureLook, width: in
     turn = upright(playback.scene.gravity)
     rest = playback.mesh.vertices @ turn.T
     positions = np.stack([rest + playback.displacement(frame) @ turn.T for frame in shown])
-    pulls = [
-        [(at[held].mean(axis=0), turn @ target) for held, target in playback.pulls(frame)]
-        for frame, at in zip(shown, positions, strict=True)
-    ]
+    movement = Movement.pulled(playback.title, positions, map(playback.pulls, shown), turn)
     view = look_at_broadside(rest, positions) if look.view is None else look_at(positions, *look.view)
     width = width if look.size is None else look.size[0]
-    drawn = moving_pictures([Movement(playback.title, positions, pulls)], surface_triangles(playback.mesh), view, width)
+    drawn = moving_pictures([movement], surface_triangles(playback.mesh), view, width)
     yield from drawn if look.size is None else (fitted(picture, look.size) for picture in drawn)
 
 

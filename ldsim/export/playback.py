@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from ldsim.arrays import Array, Indices
-from ldsim.artefacts.snapshots import Recorded
 from ldsim.errors import ExportError
 from ldsim.export.drawn import Drawn
 from ldsim.mechanics.scene import Scene
@@ -147,7 +146,7 @@ def playback(run: Run, motion: str | None, space: str) -> Playback:
         return u if beside is None else u + beside(frame)
 
     scene = simulated_scene(run)
-    h, lost, pulls = scene.time_step, len(finite) - frames, _pulls(run.recorded(name))
+    h, lost, pulls = scene.time_step, len(finite) - frames, run.recorded(name).pulls
     return Playback(name, space, scene, h, frames, displacement, beside, U, q, lost, pulls)
 
 
@@ -157,17 +156,8 @@ def _full(run: Run, motion: str) -> Playback:
     def displacement(frame: int) -> Array:
         return np.asarray(read(frame, frame + 1)[0], dtype=np.float64)
 
-    h, pulls = run.scene.time_step, _pulls(run.recorded(motion))
+    h, pulls = run.scene.time_step, run.recorded(motion).pulls
     return Playback(motion, "full", run.scene, h, run.played.frames(motion), displacement, pulls=pulls)
-
-
-def _pulls(recorded: Recorded) -> Callable[[int], list[tuple[Indices, Array]]]:
-    drags = recorded.motion.drags
-    return lambda frame: [
-        (recorded.held[i], drags[i].targets[frame - drags[i].start])
-        for i in recorded.motion.active(frame)
-        if i in recorded.held
-    ]
 
 
 def _known(what: str, name: str, known: Iterable[str]) -> str:

@@ -5,7 +5,7 @@ A picture has a transparent background and text in a middle grey, so that it rea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from typing import NamedTuple, TypeAlias
 
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from ldsim.arrays import Array
+from ldsim.arrays import Array, Indices
 from ldsim.report.camera import View, depths, limits_of, project, screen_positions
 from ldsim.report.svg import PALETTE
 
@@ -43,6 +43,14 @@ class Movement(NamedTuple):
     title: str
     positions: Array
     pulls: Sequence[Sequence[Pull]] = ()
+
+    @classmethod
+    def pulled(
+        cls, title: str, positions: Array, held: Iterable[Sequence[tuple[Indices, Array]]], turn: Array
+    ) -> Movement:
+        """One with what pulls in each frame: which vertices are held, and where to before the solid was turned."""
+        each = zip(positions, held, strict=True)
+        return cls(title, positions, [[(at[some].mean(axis=0), turn @ to) for some, to in pulls] for at, pulls in each])
 
     def pose(self, frame: int) -> DrawnPose:
         return DrawnPose(self.title, self.positions[frame], self.pulls[frame] if self.pulls else ())

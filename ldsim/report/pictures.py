@@ -9,7 +9,7 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.mesh.surface import surface_triangles
 from ldsim.report.camera import look_at_broadside, upright
-from ldsim.report.drawing import Movement, Pull, moving_pictures, webp
+from ldsim.report.drawing import Movement, moving_pictures, webp
 from ldsim.report.runs import displacements, reduced_runs, title
 from ldsim.report.schema import ROLE_NAMES, ROLES
 from ldsim.run import Run
@@ -50,7 +50,7 @@ def moving_picture(run: Run) -> Picture | None:
         return rest + displacements(run, space, motion)(frames, slice(None)) @ turn.T
 
     def movement(space: str, moved: Array) -> Movement:
-        return Movement(title(run, space), moved, _pulls(run, motion, frames, moved, turn))
+        return Movement.pulled(title(run, space), moved, map(run.motions[motion].pulls, frames.tolist()), turn)
 
     full = positions("full")
     sequences = [movement("full", full)]
@@ -69,20 +69,6 @@ def moving_picture(run: Run) -> Picture | None:
         f"{(frames[0] + 1) * h:.2f} s to {(frames[-1] + 1) * h:.2f} s in real time."
     )
     return Picture(f"{motion}.webp", caption, data)
-
-
-def _pulls(run: Run, motion: str, frames: Indices, moved: Array, turn: Array) -> list[list[Pull]]:
-    """What pulls in each frame, upright."""
-    recorded = run.motions[motion]
-    return [
-        [
-            (moved[i][held].mean(axis=0), turn @ drag.targets[frame - drag.start])
-            for number, held in recorded.held.items()
-            for drag in [recorded.motion.drags[number]]
-            if drag.start <= frame < drag.stop
-        ]
-        for i, frame in enumerate(frames)
-    ]
 
 
 def _stretch(run: Run, motion: str) -> Indices:
