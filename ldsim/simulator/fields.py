@@ -1,4 +1,4 @@
-"""Energy and stress at quadrature points and at vertices."""
+"""Energy density and stress at quadrature points and at vertices."""
 
 from __future__ import annotations
 
@@ -30,14 +30,6 @@ def energy_and_stress(elements: Elements, points: Indices, u: Array, values: Arr
         yz = (P[3] * F[6] + P[4] * F[7] + P[5] * F[8]) / J
         deviation = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2 + 6 * (xy * xy + xz * xz + yz * yz)
         values[1, i] = np.sqrt(0.5 * deviation)
-
-
-def elastic_energy(scene: Scene, u: Array, material_scale: float = 1.0) -> float:
-    """Σ w Ψ over all quadrature points of the mesh at the displacement u, (n, 3) metres; J."""
-    elements = scene.elements
-    values = np.empty((2, len(elements.weights)))
-    energy_and_stress(elements, np.arange(len(elements.weights)), np.ascontiguousarray(u, dtype=np.float64), values)
-    return material_scale * float(elements.weights @ values[0])
 
 
 class VertexField:

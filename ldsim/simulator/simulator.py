@@ -19,13 +19,14 @@ from ldsim.arrays import Array, Indices
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
+from ldsim.mechanics.elastic import elastic_energy
 from ldsim.mechanics.grabs import Grab, held_vertices, usual_grip
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
-from ldsim.simulator.fields import VertexField, elastic_energy
+from ldsim.simulator.fields import VertexField
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space
 
@@ -334,7 +335,7 @@ class Simulator:
     @property
     def elastic_energy(self) -> float:
         """What the deformation stores, over all points of the mesh, J."""
-        return elastic_energy(self.scene, self.displacement(), self._material_scale)
+        return self._material_scale * float(elastic_energy(self.scene.elements, self.displacement()))
 
     def stress(self) -> Array:
         """The von Mises stress at every vertex, (n,) float64, Pa: the mean of the points around it, by volume."""
