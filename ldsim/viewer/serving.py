@@ -50,12 +50,8 @@ async def _serve(server: Server, browser: bool, tell: Tell, warn: Tell) -> None:
 
 
 def _open(url: str, warn: Tell) -> None:
-    if not _opened(url):
+    opened = False
+    with contextlib.suppress(webbrowser.Error):
+        opened = webbrowser.open(url)
+    if not opened:
         warn("no browser could be started here; open the address above in one")
-
-
-def _opened(url: str) -> bool:
-    try:
-        return webbrowser.open(url)
-    except webbrowser.Error:
-        return False
