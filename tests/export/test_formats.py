@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ldsim.errors import ArtefactError, ExportError
+from ldsim.errors import ExportError
 from ldsim.export import formats
 from ldsim.export.formats import FORMATS, Choice, Extra, Format, export
 from ldsim.export.playback import playback
@@ -69,11 +69,6 @@ def test_a_missing_package_is_named_with_what_installs_it(
     monkeypatch.setitem(formats.FORMATS, "no", missing)
     with pytest.raises(ExportError, match="needs the package not_there, which is not installed; run pip install 'it'"):
         export(run, Choice("no"), tmp_path / "a.no")
-
-
-def test_no_folder_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(ArtefactError, match="is not the folder of a run"):
-        Run.open(tmp_path / "nothing")
 
 
 def test_a_run_that_diverged_is_exported_up_to_there(tmp_path: Path) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import ldsim
-from ldsim.artefacts.records import read_cubature, read_model, write_cubature, write_model, write_scene
+from ldsim.artefacts.records import read_cubature, read_model, write_cubature, write_model
 from ldsim.errors import ArtefactError
 from ldsim.simulator import load
 from ldsim.space.novelty import Novelty
-from tests.simulator.playable import KP, K, R, header, solid
+from tests.simulator.playable import KP, K, R, header
 
 
 def test_the_package_loads_a_run() -> None:
@@ -64,12 +64,6 @@ def test_a_run_without_an_artefact_says_which_stage_makes_it(own_run: Path, kind
         load(own_run)
 
 
-def test_an_artefact_of_another_scene_is_refused(own_run: Path) -> None:
-    write_scene(own_run / "scene.h5", header(own_run, "scene"), replace(solid(1), gravity=np.zeros(3)))
-    with pytest.raises(ArtefactError, match="was made from another scene"):
-        load(own_run)
-
-
 def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_them(own_run: Path) -> None:
     assert np.isnan(load(own_run).novelty)
     model, _ = read_model(own_run / "model.h5")
@@ -82,10 +76,3 @@ def test_a_run_that_knows_its_training_codes_tells_how_far_the_state_is_from_the
     sim.step(5)
     np.testing.assert_allclose(sim.novelty, 8 * np.linalg.norm(sim.save().state.z), rtol=1e-12)
     assert np.isnan(load(own_run, "linear").novelty)
-
-
-def test_a_folder_that_is_none_and_a_space_that_is_none_are_refused(playable: Path, tmp_path: Path) -> None:
-    with pytest.raises(ArtefactError, match="is not the folder of a run"):
-        load(tmp_path / "nothing")
-    with pytest.raises(ArtefactError, match="known are auto, full, latent, linear"):
-        load(playable, "latnet")
