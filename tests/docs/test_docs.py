@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 
+from docs import generate
 from ldsim.settings import Settings
 
 ROOT = Path(__file__).parents[2]
@@ -20,14 +19,6 @@ PAGES = sorted(
 # What is frozen shows configurations as they were.
 LIVE = [page for page in PAGES if page.parent.name != "notebook"]
 EXAMPLE = ROOT / "README.md"
-
-
-def _generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _yaml_blocks(page: Path) -> list[dict[str, Any]]:
@@ -43,7 +34,7 @@ def _name(page: Path) -> str:
     ["settings.md", "schema.json", "artefacts.md", "commands.md", "report.md", "python.md", "gallery.md", "demo.html"],
 )
 def test_a_generated_page_is_what_the_code_says(name: str) -> None:
-    found = {path: text for path, text in _generator().pages().items() if path.name == name}
+    found = {path: text for path, text in generate.pages().items() if path.name == name}
     assert found
     for path, text in found.items():
         assert path.read_text("utf-8") == text, "run `python docs/generate.py` and commit what it writes"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -73,19 +73,12 @@ def test_the_files_of_an_example_are_those_that_it_reads_of_the_project() -> Non
     assert examples.files_of(CONFIGS / "beam.yaml") == ["configs/beam.yaml"]
 
 
-@pytest.fixture
-def site() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs" / "site.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.skipif(importlib.util.find_spec("mkdocs") is None, reason="mkdocs is missing: pip install 'ldsim[docs]'")
 def test_each_example_of_the_gallery_has_its_live_page_or_says_that_it_is_missing(
-    site: ModuleType, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    from docs import site
+
     monkeypatch.setattr(site, "LIVE", {"pins": Path("pins.html")})
     text = (ROOT / "docs" / "gallery.md").read_text("utf-8")
     shown = site.on_page_markdown(text, SimpleNamespace(file=SimpleNamespace(src_uri="gallery.md")))
