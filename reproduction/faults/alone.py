@@ -106,14 +106,14 @@ def starved(process: int | str) -> float:
         return int(stream.read().split()[1]) * 1e-9
 
 
-def here(trial: Trial, limit: float = LIMIT) -> str:
+def here(trial: Trial) -> str:
     """The outcome of a trial of nothing compiled, which needs no process of its own."""
 
     def late(*_: object) -> None:
         raise TimeoutError
 
     signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, limit)
+    signal.setitimer(signal.ITIMER_REAL, LIMIT)
     try:
         return trial()
     except TimeoutError:

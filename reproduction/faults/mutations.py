@@ -12,22 +12,7 @@ import numpy as np
 from ldsim.artefacts.sealed_file import BLOCK, datasets, seal
 
 Rng = np.random.Generator
-NASTY = (
-    "",
-    "-1",
-    "0",
-    "1e308",
-    "-1e308",
-    "nan",
-    ".inf",
-    "99999999999999999999",
-    "null",
-    "[]",
-    "{}",
-    "..",
-    "/dev/zero",
-    "true",
-)
+NASTY = ("", *"-1 0 1e308 -1e308 nan .inf 99999999999999999999 null [] {} .. /dev/zero true".split())
 NUMBERS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e300, 2.0**31, 2.0**62)
 
 

@@ -54,8 +54,8 @@ def _solid(youngs_modulus: float, pins: dict[str, Any], **others: Any) -> dict[s
     return {"material": {"youngs_modulus": youngs_modulus}, "pins": [pins], **others}
 
 
-def _slab(axis: str, thickness: float, at: str = "min") -> dict[str, Any]:
-    return {"slab": {"axis": axis, "at": at, "thickness": thickness}}
+def _slab(axis: str, thickness: float) -> dict[str, Any]:
+    return {"slab": {"axis": axis, "at": "min", "thickness": thickness}}
 
 
 QUICK_TRAINING = {"epochs": 400, "batch": 64, "equilibrium": {"weight": 3.0}}
