@@ -7,7 +7,6 @@ fails where a state is not finite or further from rest than the simulator allows
 
 from __future__ import annotations
 
-import resource
 import time
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 from tqdm import trange
 
 from ldsim.jit import one_thread
-from ldsim.run import SPACES
+from ldsim.run import SPACES, peak_memory_mb
 from ldsim.simulator import Handle, Simulator, load
 from ldsim.simulator.simulator import BOUND
 from reproduction.harness import called, parser, row, show, write_results
@@ -62,24 +61,19 @@ def main() -> None:
         simulator = load(given.run, given.space)
         soak(simulator, np.random.default_rng(0), 100)
         simulator.reset()
-        before, started = _memory_mb(), time.perf_counter()
+        before, started = peak_memory_mb(), time.perf_counter()
         farthest = soak(simulator, np.random.default_rng(1), steps)
         seconds = time.perf_counter() - started
     found: list[tuple[str, float, str]] = [
         *((f"steps {outcome.name.lower()}", count, "") for outcome, count in simulator.counts.items()),
         ("farthest from rest", round(farthest, 3), "diagonals"),
         ("time", round(seconds, 1), "s"),
-        ("memory grown", round(_memory_mb() - before, 1), "MB"),
+        ("memory grown", round(peak_memory_mb() - before, 1), "MB"),
     ]
     rows = [row(given.run.name, f"{given.space}, {name}", value, unit) for name, value, unit in found]
     show(rows)
     if not given.quick:
         write_results("soak", called(NAME), rows)
-
-
-def _memory_mb() -> float:
-    """Largest resident memory so far, MB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
 
 
 if __name__ == "__main__":

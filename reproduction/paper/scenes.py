@@ -133,8 +133,5 @@ def catapult(quick: bool) -> Configuration:
     if not quick:
         return _at_full_size("catapult")
     mesh = _solid(1e7, _slab("y", 0.05), file=f"{MESHES}catapult_599.mesh", density=200, time_step=0.0005)
-    motions = [_recorded("catapult", CATAPULT_FRAMES)]
+    motions = [_recorded("catapult", 431)]
     return _configuration("paper-catapult-quick", mesh, motions, {"r": 2} | QUICK_TRAINING, 12, QUICK_CUBATURE)
-
-
-CATAPULT_FRAMES = 431
