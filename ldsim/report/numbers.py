@@ -78,14 +78,10 @@ def collect(run: Run, options: ReportOptions, own_cost: Mapping[str, float]) -> 
     )
 
 
-def stepped_seconds(trajectory: Trajectory) -> Array:
-    """The times of the steps that were made; a run that is lost makes no more."""
-    return trajectory.seconds[np.isfinite(trajectory.seconds)]
-
-
 def pooled_seconds(run: Run, space: str) -> Array:
-    """The times of the steps of all motions in a space, seconds."""
-    return np.concatenate([np.empty(0), *(stepped_seconds(trajectory) for trajectory in runs(run, space).values())])
+    """The times of the steps of all motions in a space, seconds; a run that is lost makes no more."""
+    seconds: Array = np.concatenate([np.empty(0), *(trajectory.seconds for trajectory in runs(run, space).values())])
+    return seconds[np.isfinite(seconds)]
 
 
 def _finite(value: float | None) -> float | None:
