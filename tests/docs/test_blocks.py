@@ -1,6 +1,6 @@
 """Every block of code on the site is run, or read by what would run it where that takes minutes or another machine.
 
-Python: run by test_examples.py, test_batched_page.py, tests/export/test_fmu.py and here; none is left out. YAML: read
+Python: run by test_examples.py, tests/export/test_fmu.py and here; none is left out. YAML: read
 as a configuration by test_docs.py. C: compiled and run here. Lines for a shell: those of `ldsim` that take seconds are
 run here, on a small run in place of the demo; those that take minutes or wait for a hand have been run by
 `python -m reproduction.bench.blocks`, which says of the few others why nothing can run them, and are read here by the
