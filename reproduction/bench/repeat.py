@@ -20,6 +20,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.report.frontier import on_role
 from ldsim.report.schema import ROLES
 from ldsim.run import Run
@@ -75,15 +76,13 @@ def made(config: Path, settings: Settings, runs: Path, variables: Mapping[str, s
 
 def numbers(path: Path) -> dict[str, np.ndarray]:
     """Every dataset of real numbers of an artefact but measured times; what a minimiser counts is none."""
-    found: dict[str, np.ndarray] = {}
-
-    def take(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and name.rsplit("/", 1)[-1] != "seconds":
-            found[name] = np.asarray(item[()], dtype=float)
-
     with h5py.File(path) as file:
-        file.visititems(take)
-    return found
+        real = {name: data for name, data in datasets(file).items() if data.dtype.kind == "f"}
+        return {
+            name: np.asarray(data[()], dtype=float)
+            for name, data in real.items()
+            if name.rpartition("/")[2] != "seconds"
+        }
 
 
 def difference(one: Path, other: Path) -> float:

@@ -6,8 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
-
+from ldsim.artefacts.sealed_file import datasets
 from tests.helpers import changed
 
 
@@ -23,10 +22,8 @@ def replace_experiment(path: Path) -> None:
 
 def drop_dataset(path: Path) -> None:
     with changed(path) as file:
-        names: list[str] = []
-        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
         # what fresh pulls came to may be left out
-        del file[next(name for name in sorted(names) if not name.startswith("fresh/")).split("/")[0]]
+        del file[next(name for name in datasets(file) if not name.startswith("fresh/")).split("/")[0]]
 
 
 ARTEFACTS: dict[str, tuple[Callable[[Path], object], tuple[str, ...]]] = {

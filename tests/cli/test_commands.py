@@ -7,11 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
 import yaml
 from click.testing import CliRunner
 
 from ldsim import __version__
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.cli.app import COMMANDS as KNOWN
 from ldsim.cli.app import main
 from ldsim.settings import STAGES, load_settings, settings_of
@@ -75,19 +77,10 @@ def test_info_tells_the_kind_and_what_an_artefact_was_made_from(experiment: Expe
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
 def test_a_stage_repeats_itself(experiment: Experiment, command: str) -> None:
     """All but times and the date: run again on the same input, a stage writes the same numbers."""
-    import h5py
 
     def content(path: Path) -> dict[str, bytes]:
         with h5py.File(path, "r") as file:
-            found: dict[str, bytes] = {}
-            file.visititems(
-                lambda name, item: (
-                    found.update({name: item[()].tobytes()})
-                    if isinstance(item, h5py.Dataset) and "seconds" not in name
-                    else None
-                )
-            )
-            return found
+            return {name: data[()].tobytes() for name, data in datasets(file).items() if "seconds" not in name}
 
     path = experiment.run / WRITES[command]
     before = content(path)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from ldsim.artefacts.sealed_file import datasets
 from ldsim.learn.options import TrainOptions
 from ldsim.pipeline.train import train
 from ldsim.run import Run
@@ -31,10 +32,8 @@ def weights(experiment: Experiment) -> list[np.ndarray[tuple[int, ...], np.dtype
 
 def model(experiment: Experiment) -> dict[str, bytes]:
     """Every dataset of the model, byte for byte."""
-    found: dict[str, bytes] = {}
     with h5py.File(experiment.run / "model.h5") as file:
-        file.visititems(lambda name, item: found.update({name: item[()].tobytes()}) if hasattr(item, "dtype") else None)
-    return found
+        return {name: data[()].tobytes() for name, data in datasets(file).items()}
 
 
 @pytest.mark.parametrize(
