@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reproduction.bench import frontier, full_space, space
+from reproduction.bench import frontier, full_space
 from reproduction.harness import RESULTS, Row
 
 FRAME = re.compile(r"median dragging frame, (\d+) cells")
@@ -24,8 +24,6 @@ def drawings() -> Iterator[tuple[str, str, Path]]:
             yield "full_space_scaling.svg", _scaling(rows), file
         elif file.stem.startswith("frontier_"):
             yield f"{file.stem}.svg", frontier.picture(rows, name), file
-        elif file.stem.startswith("space_"):
-            yield f"space_{name}.svg", space.picture(rows, name), file
 
 
 def _scaling(rows: list[Row]) -> str:

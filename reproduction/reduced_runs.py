@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldsim.arrays import Array
-from ldsim.cubature.rule import CubatureRule
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.trajectory import Trajectory
@@ -44,9 +43,9 @@ def largest_error(run: Run, decoded: Array) -> float:
     return 1e3 * float(np.sqrt(largest))
 
 
-def latent(run: Run, rule: CubatureRule | None = None) -> Space:
-    """The space of the run's own decoder; every quadrature point where no rule is given."""
-    return Space.latent(run.scene, run.basis, (run.model.decoder, run.model.encoder), rule)
+def latent(run: Run) -> Space:
+    """The space of the run's own decoder, with every quadrature point."""
+    return Space.latent(run.scene, run.basis, (run.model.decoder, run.model.encoder))
 
 
 def reference(run: Run, motion: str, frames: int | None = None) -> Reference:

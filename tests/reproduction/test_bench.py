@@ -17,14 +17,25 @@ import reproduction
 from reproduction import harness
 from reproduction.bench.novelty import area
 from reproduction.bench.repeat import difference
-from reproduction.bench.space import kept
 from reproduction.harness import add_results, called, row, write_json, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
 BENCHES = [
     *("batched", "blocks", "browser", "condensed", "derived", "enrichment", "examples"),
-    *("frontier", "full_space", "fuzz", "hand", "newcomer", "novelty", "repeat", "rival_spaces", "runtime", "soak"),
-    *("solids", "space", "statement", "time_steps", "two_commands"),
+    *(
+        "frontier",
+        "full_space",
+        "fuzz",
+        "hand",
+        "newcomer",
+        "novelty",
+        "pca",
+        "repeat",
+        "rival_spaces",
+        "runtime",
+        "soak",
+    ),
+    *("solids", "statement", "time_steps", "two_commands"),
 ]
 
 
@@ -72,12 +83,6 @@ def test_results_say_where_they_come_from(tmp_path: Path, monkeypatch: pytest.Mo
 )
 def test_the_area_under_a_roc_curve_is_how_often_bad_frames_score_higher(score: list[int], expected: float) -> None:
     assert area(np.array(score), np.array([False, False, True, True])) == expected
-
-
-def test_what_is_kept_is_not_measured_again(tmp_path: Path) -> None:
-    first, second = ([row("x", "a number", value)] for value in (1.5, 2.5))
-    assert kept(tmp_path / "a.json", lambda: first) == first
-    assert kept(tmp_path / "a.json", lambda: second) == first
 
 
 def test_rows_of_other_models_stay_and_tell_of_what_code_they_are(
