@@ -33,9 +33,9 @@ from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
-from reproduction.drawings import drawings
+from reproduction.bench import frontier, full_space
 from reproduction.gallery import pictures as example_pictures
-from reproduction.harness import CONFIGS, PICTURES, PIPELINE, ROOT, Row, note, parser, row, write_results
+from reproduction.harness import CONFIGS, PICTURES, PIPELINE, RESULTS, ROOT, Row, note, parser, row, write_results
 from tests.viewer.browser import Tab, chromium
 from tests.viewer.served import served
 
@@ -213,9 +213,12 @@ def gallery(runs: Path) -> None:
 def drawn(_: Path) -> None:
     """What the notebook shows of measurements, from their results."""
     shown = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
-    for name, svg, result in drawings():
-        if f"/{name})" in shown:
-            keep(name, f"{svg}\n".encode(), [str(result.relative_to(ROOT))])
+    for file in (*sorted(RESULTS.glob("frontier_*.json")), RESULTS / "full_space_scaling.json"):
+        if f"/{file.stem}.svg)" in shown:
+            rows: list[Row] = json.loads(file.read_text(encoding="utf-8"))["rows"]
+            solid = file.stem.removeprefix("frontier_")
+            svg = full_space.picture(rows) if solid == file.stem else frontier.picture(rows, solid)
+            keep(f"{file.stem}.svg", f"{svg}\n".encode(), [str(file.relative_to(ROOT))])
 
 
 KINDS: dict[str, Callable[[Path], None]] = {"film": film, "pages": pages, "gallery": gallery, "drawings": drawn}

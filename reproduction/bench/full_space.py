@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from ldsim.arrays import Array
 from ldsim.artefacts.partial import Lease
 from ldsim.artefacts.records import write_scene
 from ldsim.artefacts.store import Header, file_hash
@@ -56,6 +56,7 @@ Solver = Literal["auto", "direct", "multigrid"]
 
 NAME = "full_space"
 TOLERANCE = 1e-6
+FRAME = re.compile(r"median dragging frame, (\d+) cells")
 DRAGGING = 20
 # Multigrid takes minutes for them on the largest mesh.
 DRAGGING_MULTIGRID = 5
@@ -238,12 +239,17 @@ def scaling(quick: bool) -> list[Row]:
     return rows
 
 
-def picture(cells: Array, ms: Array, exponent: float, factor: float) -> str:
+def picture(rows: Sequence[Row]) -> str:
     """Time a frame against cells, both logarithmic, with the fitted power."""
+    frames = [(int(told[1]), r["value"]) for r in rows if (told := FRAME.fullmatch(r["quantity"]))]
+    cells, ms = np.array(frames).T
+    exponent, constant = np.polyfit(np.log(cells), np.log(ms), 1)
     figure, ax = new_axes("cells (tet4)", "median frame while dragging, ms")
     ax.loglog(cells, ms, "o", color=PALETTE["full"])
     ends = np.array([cells.min(), cells.max()])
-    ax.loglog(ends, factor * ends**exponent, color=PALETTE["latent"], label=f"proportional to cells^{exponent:.2f}")
+    ax.loglog(
+        ends, np.exp(constant) * ends**exponent, color=PALETTE["latent"], label=f"proportional to cells^{exponent:.2f}"
+    )
     ax.legend(frameon=False, fontsize=8, labelcolor="#23282f")
     return to_svg(figure, "Median time of a full-space frame while dragging, against the number of cells")
 
