@@ -26,6 +26,7 @@ from ldsim.mechanics.motion import Drag
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
+from ldsim.simulator.checks import checked_grab, checked_pins, checked_vector
 from ldsim.simulator.fields import VertexField
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space
@@ -74,7 +75,7 @@ class Handle:
 
     def move(self, target: ArrayLike) -> None:
         """Pull to another target, (3,) metres."""
-        self._simulator.held[self._key] = replace(self.grab, target=_vector(target, "target", "m"))
+        self._simulator.held[self._key] = replace(self.grab, target=checked_vector(target, "target", "m"))
 
     def on(self, simulator: Simulator) -> Handle:
         """The same grab on a simulator that follows this one's."""
@@ -157,8 +158,8 @@ class Simulator:
         usual_stiffness, usual_radius = usual_grip(self.scene)
         stiffness = usual_stiffness if stiffness is None else stiffness
         radius = usual_radius if radius is None else radius
-        place = _vector(target, "target", "m")
-        drag = Drag(self._number, _vector(point, "point", "m"), place[None], radius, stiffness, at_rest)
+        place = checked_vector(target, "target", "m")
+        drag = Drag(self._number, checked_vector(point, "point", "m"), place[None], radius, stiffness, at_rest)
         positions = self.scene.mesh.vertices + (0.0 if at_rest else self.displacement())
         vertices = held_vertices(drag, positions, self.scene.movable, 0.5 * self.scene.mesh.diagonal)
         nearest = int(np.linalg.norm(positions - drag.point, axis=1).argmin())
@@ -168,21 +169,29 @@ class Simulator:
                 f"{len(vertices)} free vertices within {radius:.3g} m of it. Grab where the solid can give way",
                 stacklevel=2,
             )
+        grab = checked_grab(Grab(vertices, place, stiffness), self.scene)
         key, self._next_key = self._next_key, self._next_key + 1
-        self.held[key] = Grab(vertices, place, stiffness)
+        self.held[key] = grab
         return Handle(self, key)
 
     def set_grabs(self, grabs: Sequence[Grab]) -> None:
-        """Hold exactly these from now on, as a motion that is replayed does."""
-        self.held = dict(enumerate(grabs, self._next_key))
+        """Hold exactly these from now on, as a motion that is replayed does.
+
+        Raises:
+            MotionError: what one holds are not vertices of the solid, each once, or a number is not allowed.
+        """
+        self.held = dict(enumerate([checked_grab(grab, self.scene) for grab in grabs], self._next_key))
         self._next_key += len(grabs)
 
     def set_pins(self, pins: Sequence[MovedPins]) -> None:
         """Where moved pins are from now on; all others are at rest. Reset brings all of them back.
 
         A reduced space moves the pins that a motion of its run moves, and no others.
+
+        Raises:
+            MotionError: what moves are not pinned vertices, each once, or a map is none.
         """
-        self._pins = tuple(pins)
+        self._pins = checked_pins(pins, self.scene)
 
     @property
     def grabs(self) -> list[Grab]:
@@ -196,7 +205,7 @@ class Simulator:
 
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
-        self._change(_vector(value, "gravity", "m/s²"), self._material_scale)
+        self._change(checked_vector(value, "gravity", "m/s²"), self._material_scale)
 
     @property
     def material_scale(self) -> float:
@@ -407,10 +416,3 @@ class Simulator:
         # another simulator may have saved it: what is grabbed from now on must not take the place of its grabs
         self._next_key = max(self._next_key, 1 + max(saved.grabs, default=-1))
         self._before, self._pins = saved.before, saved.pins
-
-
-def _vector(value: ArrayLike, name: str, unit: str) -> Array:
-    vector = np.array(value, dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise MotionError(f"{name} is {vector.tolist()}; it must be three finite numbers in {unit}")
-    return vector

@@ -109,3 +109,24 @@ def test_pins_that_a_space_was_not_prepared_for_are_refused_and_the_state_kept()
     np.testing.assert_array_equal(simulator.displacement(), before)
     simulator.set_pins(())
     assert simulator.step().outcome == Outcome.SOLVED
+
+
+@kinds
+def test_pins_that_mean_nothing_are_refused_and_the_old_ones_kept(kind: int) -> None:
+    simulator, _ = with_moving_pins()[kind]
+    pinned, free, map = np.flatnonzero(BODY.pinned), BODY.free[:2], np.eye(3, 4)
+    bad = [
+        ([MovedPins(free, map)], f"vertex {free[0]} is to move as pins do, but it is not pinned"),
+        ([MovedPins(np.array([10**6]), map)], "from 1000000 to 1000000; they must be from 0 to 11"),
+        ([MovedPins(pinned, np.eye(3))], "a map of moved pins is .*must be .A . b., .3, 4. finite numbers"),
+        ([MovedPins(pinned, np.full((3, 4), np.nan))], "a map of moved pins is .*finite"),
+        ([MovedPins(pinned, map), MovedPins(pinned, map)], f"vertex {pinned[0]} is moved twice"),
+        ([(pinned, map)], "they must be MovedPins"),
+    ]
+    (pins,) = path(1)
+    simulator.set_pins(pins)
+    for moved, message in bad:
+        with pytest.raises(MotionError, match=message):
+            simulator.set_pins(moved)  # type: ignore[arg-type]
+    simulator.step(3)
+    np.testing.assert_allclose(simulator.displacement()[pinned], pins[0].displacement(BODY.mesh.vertices), atol=1e-12)

@@ -12,6 +12,7 @@ from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.errors import MotionError, SceneError, SolverError
+from ldsim.mechanics.grabs import Grab
 from ldsim.simulator import Outcome, Simulator, full_simulator
 from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
@@ -278,3 +279,40 @@ def test_what_another_solid_does_is_not_followed(kind: int) -> None:
     with pytest.raises(SolverError, match="^a solid of 54 vertices cannot be followed by one of 12$"):
         simulator.follow(other)
     np.testing.assert_array_equal(simulator.displacement(), before)
+
+
+@kinds
+@pytest.mark.parametrize(
+    ("grab", "message"),
+    [
+        (Grab(np.array([-1]), TIP, 40.0), "from -1 to -1; they must be from 0 to 11"),
+        (Grab(np.array([3, 12]), TIP, 40.0), "from 3 to 12; they must be from 0 to 11"),
+        (Grab(np.array([11, 11]), TIP, 40.0), "a grab has a vertex twice"),
+        (Grab(np.array([], dtype=np.int64), TIP, 40.0), "at least one"),
+        (Grab(np.ones(12, dtype=bool), TIP, 40.0), "are bool of the shape .12,."),
+        (Grab(np.array([11]), TIP, -40.0), "stiffness of a grab is -40.0"),
+        (Grab(np.array([11]), TIP, np.nan), "stiffness of a grab is nan"),
+        (Grab(np.array([11]), np.full(3, np.nan), 40.0), "target of a grab is .nan"),
+        (11, "a grab is 11; it must be a Grab"),
+    ],
+)
+def test_a_grab_of_ones_own_that_means_nothing_is_refused_and_nothing_is_held(
+    kind: int, grab: Grab, message: str
+) -> None:
+    simulator = every_kind()[kind]
+    with pytest.raises(MotionError, match=message):
+        simulator.set_grabs([Grab(np.array([10]), TIP, 40.0), grab])
+    assert not simulator.held
+    assert simulator.step().outcome == Outcome.SOLVED
+
+
+@kinds
+def test_a_grab_of_ones_own_may_be_of_lists_and_smaller_numbers(kind: int) -> None:
+    simulator, other = every_kind()[kind], every_kind()[kind]
+    simulator.set_grabs([Grab(np.array([10, 11]), TIP + UP, 40.0)])
+    other.set_grabs([Grab([10, 11], (TIP + UP).tolist(), 40)])  # type: ignore[arg-type]
+    simulator.step(3)
+    other.step(3)
+    np.testing.assert_array_equal(other.displacement(), simulator.displacement())
+    with pytest.raises(MotionError, match="must be one positive number"):
+        simulator.grab(TIP, TIP, stiffness=np.array([30.0]))  # type: ignore[arg-type]
