@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -355,7 +356,7 @@ class Simulator:
     def follow(self, other: Simulator) -> None:
         """Take over what another simulator of the same solid does: shape, velocity, grabs, pins, gravity and material.
 
-        A reduced space takes the nearest shape that it has.
+        A reduced space takes the nearest shape that it has; where the other is in the very same space, that is its own.
 
         Raises:
             SolverError: it is of another solid.
@@ -363,12 +364,27 @@ class Simulator:
         if other.scene.mesh.n_vertices != self.scene.mesh.n_vertices:
             found, own = other.scene.mesh.n_vertices, self.scene.mesh.n_vertices
             raise SolverError(f"a solid of {found} vertices cannot be followed by one of {own}")
-        pins, frames = other._pins, (other.displacement(), other._stepper.displacement(other._before))
-        state, scale = self._stepper.state(*frames, (pins, pins)), other._material_scale
-        before = self._stepper.state(frames[1], frames[1], (pins, pins))
+        pins, scale = other._pins, other._material_scale
+        if self._in_the_space_of(other):
+            # what weight and grabs move beside the coordinates of a condensed space cannot be told from frames
+            state, before = other._state, other._before
+        else:
+            frames = other.displacement(), other._stepper.displacement(other._before)
+            state = self._stepper.state(*frames, (pins, pins))
+            before = self._stepper.state(frames[1], frames[1], (pins, pins))
         self._stepper, self._state = self._scaled(state, scale)
         self._before, self._pins, self._gravity, self._material_scale = before, pins, other._gravity, scale
         self.held, self._next_key, self._number = dict(other.held), other._next_key, other._number
+
+    def _in_the_space_of(self, other: Simulator) -> bool:
+        """Whether its states mean the same here."""
+        mine, theirs = self.space, other.space
+        if type(self._state) is not type(other._state) or mine.basis is None or theirs.basis is None:
+            return False  # of the full space frames tell all
+        if mine is theirs:
+            return True
+        alike = (np.array_equal(own, given) for own, given in zip_longest(_meaning(mine), _meaning(theirs)))
+        return mine.is_condensed == theirs.is_condensed and all(alike)
 
     def centroid(self, vertices: Indices) -> Array:
         """The mean position of some vertices now, (3,) float64, metres."""
@@ -416,3 +432,9 @@ class Simulator:
         # another simulator may have saved it: what is grabbed from now on must not take the place of its grabs
         self._next_key = max(self._next_key, 1 + max(saved.grabs, default=-1))
         self._before, self._pins = saved.before, saved.pins
+
+
+def _meaning(space: Space) -> list[Any]:
+    """What a shape is read from the coordinates of a reduced space by."""
+    supports = () if space.lifting is None else space.lifting.supports
+    return [space.reduced_basis.fields, space.squares, *space.decoder.layers, *supports]

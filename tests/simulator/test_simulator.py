@@ -22,6 +22,7 @@ from tests.helpers import reduced_space
 from tests.simulator.playable import curved_decoder, modes, solid
 from tests.simulator.reluctant import ENDINGS, Reluctant
 from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced, unit_basis
+from tests.space.test_modes import condensed
 
 
 def test_a_grab_in_a_complete_linear_space_does_what_it_does_in_the_full_space() -> None:
@@ -269,6 +270,32 @@ def test_following_takes_over_shape_velocity_and_grabs() -> None:
         second.step(3)
         assert second.time == first.time
         np.testing.assert_allclose(second.displacement(), first.displacement(), atol=1e-7)
+
+
+def test_in_the_space_of_the_other_following_loses_nothing() -> None:
+    """Not what weight and grabs move beside the coordinates either, which no frame tells of a condensed solid."""
+
+    def opened() -> Simulator:
+        space = replace(condensed())
+        return Simulator(space, ReducedStepper(space))
+
+    for make in (opened, reduced):
+        first, second, third = make(), make(), make()
+        rest = first.scene.mesh.vertices
+        first.grab(rest[-1], rest[-1] + 0.1 * first.scene.mesh.diagonal)
+        first.step(4)
+        second.follow(first)
+        third.material_scale = 2.0
+        third.follow(first)
+        for steps in (0, 1, 3):
+            if steps:
+                for simulator in (first, second, third):
+                    simulator.step(steps)
+            np.testing.assert_array_equal(second.displacement(), first.displacement())
+            np.testing.assert_array_equal(second.velocity(), first.velocity())
+            off = third.displacement() - first.displacement()  # it makes its preconditioner anew
+            assert np.abs(off).max() < 0.01 * np.abs(first.displacement()).max()
+        assert np.abs(first.displacement()).max() > 1e-3
 
 
 @kinds
