@@ -13,6 +13,9 @@ import pytest
 
 from ldsim import Run, load
 from ldsim.export.formats import Choice, export
+from ldsim.pipeline.mesh import mesh
+from ldsim.settings.experiment import load_settings
+from ldsim.simulator import Outcome
 from tests.report.small_run import write_run
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide"
@@ -41,6 +44,8 @@ def check_the_first_pull(names: dict[str, Any]) -> None:
     gained = (pull.centroid - unpulled.centroid(pull.vertices)) @ (pull.target - tip)
     assert gained > 1e-3 * np.linalg.norm(pull.target - tip)  # a millimetre that way, whatever its weight does
     assert np.linalg.norm(names["u"], axis=1).max() > 0.02 * unpulled.scene.mesh.diagonal
+    rest = unpulled.scene.mesh.vertices[pull.vertices].mean(axis=0)
+    np.testing.assert_allclose(names["start"], rest, atol=1e-12)  # from where what is held has come, not from the tip
 
 
 def test_the_examples_of_the_simulator_page_run(
@@ -51,6 +56,21 @@ def test_the_examples_of_the_simulator_page_run(
     names = run_examples("simulator.md", check_the_first_pull)
     first, second = names["ends"]  # type: ignore[misc]
     assert abs(first - second).max() > 1e-5  # type: ignore[has-type]
+
+
+def test_the_pins_of_the_demo_are_lifted_as_the_simulator_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configs = GUIDE.parents[1] / "configs"
+    mesh(Run(tmp_path / "runs" / "demo"), load_settings(configs / "demo.yaml").mesh, base=configs)
+    monkeypatch.chdir(tmp_path)
+    page = (GUIDE / "simulator.md").read_text("utf-8")
+    (block,) = (block for block in re.findall(r"^```python\n(.*?)^```", page, re.M | re.S) if "set_pins" in block)
+    names: dict[str, Any] = {"load": load}
+    exec(compile(block.rpartition("sim = load")[0], "simulator.md", "exec"), names)
+    sim = names["sim"]
+    assert sim.counts[Outcome.SOLVED] == sim.last.number
+    np.testing.assert_allclose(sim.displacement(names["pinned"]), [[0.0, 0.01, 0.0]] * 50, atol=1e-12)
 
 
 def test_the_examples_of_the_python_page_run_every_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
