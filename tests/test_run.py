@@ -201,3 +201,11 @@ def test_spaces_of_a_run_whose_pins_stand_still_have_a_lifting_of_nothing(small:
     lifting = small.space("latent").lifting
     assert lifting is not None and lifting.count == 0
     assert Run.open(playable).space("latent").lifting is None
+
+
+def test_a_motion_or_an_artefact_that_there_is_none_of_is_named(small: Run) -> None:
+    with pytest.raises(ArtefactError, match="^motion 'foo' was not recorded; known are pull_1, push"):
+        small.recorded("foo")
+    for ask in (small.header, small.hash, small.require):
+        with pytest.raises(ArtefactError, match="foo.h5 does not exist"):
+            ask("foo")

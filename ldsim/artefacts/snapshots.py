@@ -138,7 +138,13 @@ class Snapshots:
         return [name for name, found in self._recorded.items() if found.role == role]
 
     def recorded(self, name: str) -> Recorded:
-        """A motion with its statistics, without the displacements."""
+        """A motion with its statistics, without the displacements.
+
+        Raises:
+            ArtefactError: there is none of that name.
+        """
+        if name not in self._recorded:
+            raise ArtefactError(f"motion {name!r} was not recorded; known are {', '.join(self._recorded)}")
         return self._recorded[name]
 
     def frames(self, name: str) -> int:

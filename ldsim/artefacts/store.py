@@ -111,7 +111,8 @@ def reading(path: Path, kind: str | None = None, sizes: Mapping[str, int] | None
             in it is not what it should be; also what is read of it in the block.
     """
     if not path.is_file():
-        hint = f"run `ldsim {WRITTEN_BY[kind]}` first" if kind else "`ldsim list` names the runs that there are"
+        stage = WRITTEN_BY.get(kind or "")
+        hint = f"run `ldsim {stage}` first" if stage else "`ldsim list` names the runs that there are"
         raise ArtefactError(f"{path} does not exist; {hint}")
     with opened(path) as file:
         missing = [name for name in HEADER if name not in file.attrs]
