@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ldsim.arrays import Array, Indices
 from ldsim.errors import SolverError
 from ldsim.run import AUTO, Run
-from ldsim.runtime.library import NativeModel, NativeSolid, Record, local_library
+from ldsim.runtime.library import UNSIGNED, NativeModel, NativeSolid, Record, local_library
 from ldsim.runtime.model_file import model_bytes
 
 
@@ -150,6 +150,8 @@ class BatchedSimulator:
         if given.shape != (len(self),) or given.dtype.kind not in "iu":
             found = f"{given.dtype} of the shape {given.shape}"
             raise SolverError(f"grabs are {found}; they must be the whole numbers that grab gave, ({len(self)},)")
+        if given.max() >= UNSIGNED:  # the library would take 2³² + 1 for 1
+            raise SolverError(f"there is no grab {given.max()}; give the numbers that grab gave")
         return [int(number) for number in given]
 
     def _each(self, values: ArrayLike, name: str) -> Array:

@@ -166,6 +166,8 @@ class NativeSolid:
 
     def __init__(self, model: NativeModel, max_grabs: int = 8) -> None:
         self.model, self.pointer, self._record = model, c_void_p(), Record()
+        if not 0 <= max_grabs < UNSIGNED // 2:  # as a C int, 2³² + 1 would be 1
+            raise SolverError(f"at most {max_grabs} grabs at once; expected 0 or more, and less than {UNSIGNED // 2}")
         self._call("create", model.pointer, max_grabs, byref(self.pointer), solid=False)
         # of what is called in every step: looking it up, and checks of arguments by ctypes, take longer than the call
         functions, vector = model.library.functions, (c_double * 3)()

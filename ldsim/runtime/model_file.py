@@ -71,6 +71,8 @@ def model_bytes(space: Space, options: ReducedOptions = ReducedOptions(), *, sin
         raise ExportError(
             f"the C library steps by method bfgs with current: true; got {options.method}, current: {options.current}"
         )
+    if space.basis is None:
+        raise ExportError(f"the C library steps reduced spaces alone; got the {space.name} space")
     space = space.by_material()
     parts = pieces(space, options, single)
     body = b"".join(_padded(array.tobytes()) for array in parts.arrays.values())

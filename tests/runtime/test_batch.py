@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ldsim.errors import SolverError
+from ldsim.errors import ExportError, SolverError
 from ldsim.runtime.batch import BatchedSimulator
 from ldsim.runtime.library import Library, NativeModel, NativeSolid, local_library
 from ldsim.runtime.model_file import model_bytes
@@ -77,6 +77,23 @@ def test_more_steps_than_the_library_counts_are_refused(library: Library) -> Non
     for step in (NativeSolid(model).step_many, BatchedSimulator(model, 2, 1).step):
         with pytest.raises(ValueError, match="step count is 4294967296; it must be less than 4294967296"):
             step(2**32)
+
+
+def test_numbers_that_would_wrap_in_the_library_are_refused(library: Library) -> None:
+    model = NativeModel(library, model_bytes(latent()))
+    for most in (-1, 2**31, 2**32 + 1):
+        with pytest.raises(SolverError, match=f"at most {most} grabs at once; expected 0 or more"):
+            BatchedSimulator(model, 2, 1, max_grabs=most)
+    batch, tip = BatchedSimulator(model, 2, 1), latent().scene.mesh.vertices[-1]
+    grabs = batch.grab(tip, tip)
+    with pytest.raises(SolverError, match=f"there is no grab {2**32 + 1}"):
+        batch.move(grabs + 2**32, tip + 1.0)
+
+
+def test_the_full_space_is_refused_by_its_name(tmp_path: Path, library: Library) -> None:
+    write_run(tmp_path)
+    with pytest.raises(ExportError, match="^the C library steps reduced spaces alone; got the full space$"):
+        BatchedSimulator.load(tmp_path, 2, "full")
 
 
 def test_what_is_not_of_the_instances_shape_is_refused(library: Library) -> None:
