@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ldsim.artefacts.atomic import replacing
+from ldsim.artefacts.atomic import replacing, writing
 from ldsim.artefacts.training import remove_checkpoints
 from ldsim.errors import SettingsError
 from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
@@ -194,8 +194,9 @@ def enrich(
     """
     folder = runs / load_settings(config).experiment
     rounds, made = _before(config, runs)
-    if not rounds:
-        (folder / ROUNDS).unlink(missing_ok=True)
+    if not rounds and (folder / ROUNDS).exists():  # where none is, a disk that is only read refuses all the same
+        with writing(folder / ROUNDS):
+            (folder / ROUNDS).unlink(missing_ok=True)
     if percent is None:
         _take_up(config, runs, rounds)
         return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ldsim.errors import SettingsError
+from ldsim.errors import ArtefactError, SettingsError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline.convergence import Round, by_pull, improved, read_rounds, write_rounds
 from ldsim.settings import Settings, load_settings, settings_of
@@ -270,6 +271,25 @@ def test_rounds_of_another_solid_are_forgotten(tmp_path: Path, monkeypatch: pyte
     assert [each.error for each in read_rounds(tmp_path / "runs" / "part")] == [0.2]
     assert enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print) == {}
     assert read_rounds(tmp_path / "runs" / "part") == []
+
+
+def test_a_disk_that_is_only_read_is_no_matter_where_nothing_is_to_forget(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Linux refuses to remove what is not there either."""
+    enriched(tmp_path, monkeypatch, [0.3, 0.1], minutes=1.0, seconds=29.0)
+
+    def refused(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    another = {"mesh": "part.stl changed", "train": "mesh comes before it"}
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", refused)
+        with pytest.raises(ArtefactError, match="cannot write .*rounds.json: Read-only file system"):
+            enriched(tmp_path, monkeypatch, [0.2], stale=another)
+    (tmp_path / "runs" / "part" / "rounds.json").unlink()
+    monkeypatch.setattr(Path, "unlink", refused)
+    assert enrich(tmp_path / "part.yaml", tmp_path / "runs", None, None, print) == {}
 
 
 def test_wider_layers_that_did_not_help_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
