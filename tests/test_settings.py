@@ -298,3 +298,22 @@ def test_synthetic_motions_have_inertia(tmp_path: Path) -> None:
     content = of_motions(["train"], quasistatic=True) | {"pca": {"synthetic": {"count": 1, "reach": 0.1}}}
     with pytest.raises(SettingsError, match="pca.synthetic steps with inertia"):
         load_settings(written(tmp_path, content))
+
+
+@pytest.mark.parametrize("kind", ["autoencoder", "condensed"])
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        ({"train": {"r": 5}}, "train.r is 5; allowed are 1 … 4, the columns of the basis .pca.k."),
+        ({"cubature": {"linear_sizes": [3, 6]}}, "cubature.linear_sizes has 6; the basis has 4 columns .pca.k."),
+    ],
+)
+def test_more_columns_than_the_basis_can_have_are_refused_before_anything_runs(
+    tmp_path: Path, kind: str, sections: dict[str, dict[str, Any]], words: str
+) -> None:
+    train = {"train": {"kind": kind} | sections.get("train", {})}
+    asked = SMALLEST | sections | train
+    assert load_settings(written(tmp_path, asked)).pca.k is None  # of as many as it takes, nothing is known
+    assert load_settings(written(tmp_path, asked | {"pca": {"k": 6}})).pca.k == 6
+    with pytest.raises(SettingsError, match=words):
+        load_settings(written(tmp_path, asked | {"pca": {"k": 4}}))

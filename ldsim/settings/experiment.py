@@ -56,8 +56,16 @@ class Settings(Options):
             raise ValueError("train.kind is condensed, but snapshot.quasistatic is true; a condensed space is stepped")
         if pca.inner_product != "mass":
             raise ValueError(f"train.kind is condensed; it needs pca.inner_product: mass, got {pca.inner_product}")
-        if train.r is not None and pca.k is not None and train.r > pca.k:
-            raise ValueError(f"train.r is {train.r}; allowed are 1 … {pca.k}, the columns of the basis (pca.k)")
+        return self
+
+    @model_validator(mode="after")
+    def _the_basis_has_as_many_columns_as_are_asked_for(self) -> Settings:
+        """As far as can be seen before hours of full-space runs: it has no more than pca.k."""
+        k, r, sizes = self.pca.k, self.train.r, self.cubature.linear_sizes or ()
+        if k is not None and r is not None and r > k:
+            raise ValueError(f"train.r is {r}; allowed are 1 … {k}, the columns of the basis (pca.k)")
+        if k is not None and max(sizes, default=0) > k:
+            raise ValueError(f"cubature.linear_sizes has {max(sizes)}; the basis has {k} columns (pca.k)")
         return self
 
     def section(self, stage: str) -> Options:

@@ -40,7 +40,7 @@ SPACES: dict[str, tuple[str, Callable[[Experiment], None], str]] = {
         lambda experiment: experiment.configure(TINY | {"pca": {"max_k": 1, "tolerance_mm": 1e-6}}),
         "raise pca.max_k or pca.tolerance_mm",
     ),
-    "r above k": ("train", change("train.r", 9), "latent dimension r = 9; allowed are 1 … k = 6"),
+    "r above k": ("train", change("train.r", 9), "train.r is 9; allowed are 1 … 6, the columns of the basis"),
     "an r out of reach": (
         "train",
         lambda experiment: experiment.configure(TINY | {"train": {"tolerance_mm": 1e-9, "hidden": [8], "epochs": 2}}),
