@@ -27,7 +27,10 @@ def view(run: str | Path, height: int = 480) -> NotebookView:
     """A run to be pulled in a cell of a notebook, `height` pixels high; it needs no server and no network.
 
     Raises:
+        ValueError: the height is no positive whole number.
         ArtefactError: an artefact is missing, damaged, or was made from other files than those beside it.
     """
+    if not isinstance(height, int) or height < 1:  # a browser says nothing of one that it cannot read
+        raise ValueError(f"height is {height!r}; it must be a whole number of pixels, at least 1")
     with Run.open(run) as opened:
         return NotebookView(playground_page(opened), height)
