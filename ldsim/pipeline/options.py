@@ -25,8 +25,8 @@ from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
 from ldsim.options import Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
 
-# Where simulate has no tolerance: N, and between which shares of the norm of the weights of all vertices it stays in full
-# space, and of the weight in coordinates that are orthonormal in the mass in reduced ones.
+# Where simulate has no tolerance: N, and between which shares it stays, in full space of the norm of the weights of all
+# vertices, in reduced ones of the weight in coordinates that are orthonormal in the mass.
 STOP, OF_WEIGHTS, OF_REDUCED = 1e-8, (1e-9, 1e-6), (1e-10, 1e-7)
 
 
