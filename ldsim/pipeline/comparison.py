@@ -264,11 +264,13 @@ class Measured:
 
     Attributes:
         full_frames: frames of the full space.
+        full_tolerance: with which it is run, N.
         window: seconds between restarts from the full space, for the windowed error.
         minimisers: that compete for each reduced space; see `fastest`.
     """
 
     full_frames: int
+    full_tolerance: float
     window: float
     minimisers: Mapping[str, Mapping[str, str | bool]] = field(default_factory=lambda: MINIMISERS)
 
@@ -287,7 +289,7 @@ def compare_motion(
     Yields the space's name, its trajectory and its minimiser.
     """
     scene = spaces[0].scene
-    of_full = FullOptions(tolerance=options.stop(float(scene.vertex_mass.sum())), quasistatic=options.quasistatic)
+    of_full = FullOptions(tolerance=measured.full_tolerance, quasistatic=options.quasistatic)
     full = run_full(scene, reference, stretch(reference.motion, measured.full_frames), of_full)
     yield "full", full, "L-BFGS, warped factor"
     lifting = Lifting.of(scene, [reference.motion])

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import random
 from typing import Annotated, Literal
 
-from ldsim.dynamics.full.options import FullOptions
+from ldsim.arrays import Array
+from ldsim.dynamics.full.options import FullOptions, weights, within
 from ldsim.dynamics.reduced.options import MinimiserOptions
 from ldsim.mechanics.options import (
+    EARTH,
     CellDataOptions,
     GravitySweepOptions,
     LoadOptions,
@@ -21,6 +24,10 @@ from ldsim.mechanics.options import (
 from ldsim.mechanics.regions import Region
 from ldsim.mesh.options import ShapeOptions, SurfaceOptions
 from ldsim.options import Field, Name, Options, Positive, Seed, Vector, exactly_one, model_validator
+
+# Where simulate has no tolerance: N, and between which shares it stays, in full space of the norm of the weights of all
+# vertices, in reduced ones of the weight in coordinates that are orthonormal in the mass.
+STOP, OF_WEIGHTS, OF_REDUCED = 1e-8, (1e-9, 1e-6), (1e-10, 1e-7)
 
 
 class MeshOptions(Options):
@@ -180,7 +187,14 @@ class SimulateOptions(Options):
     minimiser: Annotated[
         MinimiserOptions | None, Field(description="Of all reduced spaces; left out, each has the fastest of four.")
     ] = None
-    tolerance: Annotated[Positive, Field(description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N.")] = 1e-8
+    tolerance: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            description="Stop at ‖∇E‖ ≤ tolerance · max(‖z‖, 1), N; left out, 10⁻⁸, and where the solid is very light "
+            "or very heavy, within bounds that follow from its weight.",
+        ),
+    ] = None
     max_iterations: Annotated[int, Field(ge=1, description="Of one reduced step.")] = 200
     full_frames: Annotated[
         int, Field(ge=1, description="Frames of the full space to time, from the first grab on.")
@@ -195,3 +209,14 @@ class SimulateOptions(Options):
     window: Annotated[
         Positive, Field(description="Restart from the full space this often for the windowed error, s.")
     ] = 0.25
+
+    def stops(self, vertex_mass: Array) -> tuple[float, float]:
+        """The tolerances of the full and of reduced spaces, N, for vertices of so many kg.
+
+        Where a solid is of usual size they are one, the paper's (Sec. 5.2). A gradient in coordinates that are
+        orthonormal in the mass grows with its root, one of the full space with the weights.
+        """
+        if self.tolerance is not None:
+            return self.tolerance, self.tolerance
+        reduced = EARTH * math.sqrt(float(vertex_mass.sum()))
+        return within(STOP, weights(vertex_mass), OF_WEIGHTS), within(STOP, reduced, OF_REDUCED)

@@ -49,8 +49,9 @@ def simulate(
     names = _known(options.motions, snapshots.names)
     runs: Trajectories = {name: {} for name in ("full", *(space.name for space in spaces))}
     notes: dict[str, str | float | int] = {f"{space.name}_points": len(space.rule.points) for space in spaces}
-    reduced = run.reduced_options.replace(tolerance=options.tolerance, max_iterations=options.max_iterations)
-    measured = _measured(options)
+    full_tolerance, tolerance = options.stops(run.scene.vertex_mass)
+    reduced = run.reduced_options.replace(tolerance=tolerance, max_iterations=options.max_iterations)
+    measured = _measured(options, full_tolerance)
     steps = sum((1 if changed else 2) * len(spaces) * snapshots.frames(name) for name in names)
     fresh = {}  # first: their full-space runs are kept if this is interrupted, comparisons are not
     if options.statement is not None and not changed:
@@ -114,11 +115,11 @@ def residual(run: Run, space: str, motion: str) -> Callable[[int, Array], Array]
     return lambda frame, q: moved(frame, q[None])[0]
 
 
-def _measured(options: SimulateOptions) -> Measured:
+def _measured(options: SimulateOptions, full_tolerance: float) -> Measured:
     given = options.minimiser
     if given is None:
-        return Measured(options.full_frames, options.window)
-    return Measured(options.full_frames, options.window, {given.method: given.model_dump()})
+        return Measured(options.full_frames, full_tolerance, options.window)
+    return Measured(options.full_frames, full_tolerance, options.window, {given.method: given.model_dump()})
 
 
 def _space(run: Run, runs: Trajectories, options: SimulateOptions) -> str:

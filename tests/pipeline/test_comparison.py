@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,9 +20,11 @@ from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
+from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion, run_reduced, stretch, windowed_error
+from ldsim.pipeline.options import SimulateOptions
 from ldsim.space.basis import Basis, inner_product
 from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
@@ -48,9 +51,9 @@ def reference() -> Reference:
     return recorded(MOTION)
 
 
-def recorded(motion: Motion) -> Reference:
+def recorded(motion: Motion, body: Scene = BODY, tolerance: float | None = 1e-9) -> Reference:
     """A motion as it runs in the full space."""
-    frames = list(simulate(FullStepper(BODY, FullOptions(tolerance=1e-9)), motion))
+    frames = list(simulate(FullStepper(body, FullOptions(tolerance=tolerance)), motion))
     fields = np.array([frame.state.u for frame in frames], dtype=np.float32)
     return Reference(motion, frames[-1].held, lambda a, b: fields[a:b])
 
@@ -60,7 +63,7 @@ def whole(U: Array, body: Scene = BODY) -> Space:
 
 
 def compared(space: Space, reference: Reference) -> dict[str, Trajectory]:
-    runs = compare_motion([space], reference, OPTIONS, Measured(FULL_FRAMES, 0.05), lambda: None)
+    runs = compare_motion([space], reference, OPTIONS, Measured(FULL_FRAMES, 1e-9, 0.05), lambda: None)
     return {name: trajectory for name, trajectory, _ in runs}
 
 
@@ -147,3 +150,23 @@ def test_a_lost_run_ends_in_nan_and_counts_as_diverged() -> None:
     assert (lost.reason[:2] == Reason.CONVERGED).all() and (lost.reason[2:] == Reason.INFINITE_START).all()
     assert np.isfinite(lost.seconds[:3]).all() and np.isnan(lost.seconds[3:]).all()
     assert len(told) == 2
+
+
+def test_like_solids_of_a_millimetre_and_of_a_hundred_metres_take_nearly_as_many_iterations() -> None:
+    """So that how much longer a step of the full space takes does not depend on the unit."""
+    iterations = []
+    for size in (2.5e-3, 1.0, 250.0):
+        coarse = beam(resolution=1)
+        mesh = Mesh(size * coarse.vertices, coarse.cells, coarse.cell_type)
+        body = scene(mesh, youngs_modulus=1e5 * size, time_step=0.01 * math.sqrt(size))
+        point = mesh.vertices[mesh.vertices[:, 0].argmax()]
+        targets = point + size * np.linspace(0, 0.1, 15)[:, None] * [0.0, 1.0, 0.0]
+        motion = Motion("up", 25, (Drag(0, point, targets, 0.05 * size, 30 * size**2),))
+        x = (mesh.vertices[:, 0] - mesh.vertices[:, 0].min()) / size
+        bends = np.concatenate([np.kron(x[:, None] ** power, np.eye(3)) for power in (1, 2, 3)], axis=1)
+        space = whole(orthonormalised(bends, inner_product(body.mass, "mass")).matrix, body)
+        full, reduced = SimulateOptions().stops(body.vertex_mass)
+        measured, options = Measured(25, full, 0.25), ReducedOptions(tolerance=reduced)
+        runs = compare_motion([space], recorded(motion, body, None), options, measured, lambda: None)
+        iterations.append([trajectory.iterations[1:].mean() for _, trajectory, _ in runs])
+    np.testing.assert_allclose(iterations, np.tile(iterations[1], (3, 1)), rtol=0.4)

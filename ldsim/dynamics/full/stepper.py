@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ldsim.arrays import Array
 from ldsim.dynamics.full.linear_choice import LinearChoice, choose
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.dynamics.full.potential import IncrementalPotential
+from ldsim.dynamics.full.potential import IncrementalPotential, rounding
 from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.dynamics.simulate import Frame
 from ldsim.errors import SolverError
@@ -89,7 +89,7 @@ class FullStepper:
         self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
         self._total_mass = float(scene.mass.sum())
-        self._tolerance = options.stop(scene.vertex_mass)
+        self._tolerance = max(options.stop(scene.vertex_mass), rounding(scene))  # what is below is never reached
         self._threads = threading.local()
 
     def rest(self) -> FullState:

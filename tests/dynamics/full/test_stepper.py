@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,9 @@ from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
+from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
+from ldsim.optimise.solution import Reason
 from tests.helpers import bent, derivative_order, order, scene
 
 Array = NDArray[np.float64]
@@ -251,3 +254,22 @@ def test_after_a_factorisation_in_the_middle_of_a_step_the_next_step_tells_what_
     assert midway and all((frames[i].state.fresh_iterations, frames[i].state.excess) == (-1, 0) for i in midway)
     after = [i + 1 for i in midway if iterations[i + 1] <= 10]
     assert after and all(frames[i].state.fresh_iterations == iterations[i] for i in after)
+
+
+# Size, Young's modulus and density of beams: of a millimetre, soft, of a hundred metres, and of steel.
+SOLIDS = [(2.5e-3, 2.5e2, 1e3), (1.0, 1e5, 1e3), (250.0, 2.5e7, 1e3), (1.0, 2e11, 7.8e3), (100.0, 2e11, 7.8e3)]
+
+
+@pytest.mark.parametrize(("size", "modulus", "density"), SOLIDS)
+def test_a_step_ends_where_rounding_hides_the_rest_of_the_gradient(size: float, modulus: float, density: float) -> None:
+    coarse = beam(resolution=1)
+    mesh = Mesh(size * coarse.vertices, coarse.cells, coarse.cell_type)
+    body = scene(mesh, youngs_modulus=modulus, density=density, time_step=0.01 * math.sqrt(size))
+    tip = np.flatnonzero(mesh.vertices[:, 0] > mesh.vertices[:, 0].max() - 1e-9 * size)
+    for tolerance in (1e-30, None):
+        stepper = FullStepper(body, FullOptions(tolerance=tolerance))
+        state = stepper.rest()
+        for frame in range(4):
+            to = mesh.vertices[tip].mean(axis=0) + [0.0, 0.02 * size * frame, 0.0]
+            state, solution = stepper.step(state, Loads((Grab(tip, to, 1e-4 * modulus * size),)))
+            assert solution.reason == Reason.CONVERGED
