@@ -170,3 +170,8 @@ def test_like_solids_of_a_millimetre_and_of_a_hundred_metres_take_nearly_as_many
         runs = compare_motion([space], recorded(motion, body, None), options, measured, lambda: None)
         iterations.append([trajectory.iterations[1:].mean() for _, trajectory, _ in runs])
     np.testing.assert_allclose(iterations, np.tile(iterations[1], (3, 1)), rtol=0.4)
+
+
+def test_a_tolerance_that_is_given_holds_in_every_space_and_that_of_the_paper_where_none_is() -> None:
+    assert SimulateOptions(tolerance=1e-5).stops(BODY.vertex_mass) == (1e-5, 1e-5)
+    assert SimulateOptions().stops(BODY.vertex_mass) == (1e-8, 1e-8)
