@@ -15,7 +15,7 @@ from ldsim.mechanics.elastic import Elements
 from ldsim.mechanics.materials import material_names, material_number
 from ldsim.mechanics.properties import Properties, lame_parameters
 from ldsim.mechanics.quadrature import Quadrature, mass_matrix, quadrature
-from ldsim.mesh.mesh import Mesh, check_cells, components
+from ldsim.mesh.mesh import Mesh, check_cells, components, doubled_vertices, doubled_words
 
 # Their resistance to a change of volume is λ alone; below that the solid grows without bound, or as it likes.
 RESISTS_VOLUME = {"neo_hookean": np.greater, "fixed_corotated": np.greater_equal}
@@ -88,10 +88,11 @@ class Scene:
         supported = np.unique(labels[self.pinned])
         loose = np.setdiff1d(np.unique(labels), supported)
         if len(loose):
-            sizes = np.bincount(labels)
+            sizes, doubled = np.bincount(labels), doubled_vertices(self.mesh)
             raise SceneError(
                 f"{len(loose)} of {len(sizes)} connected parts have no pinned vertex, the first with {sizes[loose[0]]} "
                 "vertices; pin a part of each (mesh.pins) or remove it"
+                + (f"; {doubled_words(doubled)}" if doubled else "")
             )
 
     @cached_property

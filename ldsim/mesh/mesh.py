@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import MeshError
@@ -18,6 +19,8 @@ NODES_PER_CELL = {"tet4": 4, "hex8": 8}
 DEGENERATE = 1e-12
 # The largest coordinate, metres: the cube of a length, and what is made of it, stays far from overflow.
 FARTHEST = 1e9
+# Vertices nearer than this share of the diagonal are one: single precision, as STL stores it, and no more.
+MERGE_DISTANCE = 1e-6
 
 # The corner a of a cell and the three corners that make a right-handed frame with it.
 CORNER_FRAMES = {
@@ -188,3 +191,20 @@ def components(mesh: Mesh) -> NDArray[np.int32]:
     other = mesh.cells[:, 1:].ravel()
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, other)), shape=(mesh.n_vertices,) * 2)
     return connected_components(graph, directed=False)[1].astype(np.int32)
+
+
+def doubled_vertices(mesh: Mesh) -> int:
+    """How many vertices lie where those of another connected part do, so that nothing joins the parts there."""
+    labels = components(mesh)
+    if not labels.any():
+        return 0
+    pairs = cKDTree(mesh.vertices).query_pairs(MERGE_DISTANCE * mesh.diagonal, output_type="ndarray")
+    return len(np.unique(pairs[labels[pairs[:, 0]] != labels[pairs[:, 1]]]))
+
+
+def doubled_words(count: int) -> str:
+    """What is wrong where so many vertices are doubled, and what to do."""
+    return (
+        f"{count} vertices lie where vertices of another part do; the parts are not joined there: merge them in the "
+        "program that made the mesh"
+    )

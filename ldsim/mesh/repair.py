@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from ldsim.arrays import Indices
 from ldsim.errors import MeshError
+from ldsim.mesh.mesh import MERGE_DISTANCE
 from ldsim.mesh.triangles import Triangles, face_volumes, winding_number
 
-MERGE_DISTANCE = 1e-6  # of the diagonal: single precision, as STL stores it, and no more
 MAX_HOLE = 0.1  # of the diagonal
 MIN_VOLUME = 1e-9  # of the diagonal cubed
 

@@ -16,7 +16,7 @@ from ldsim.mechanics.pins import pinned_vertices
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.formats import naming, read_mesh, read_surface
-from ldsim.mesh.mesh import Mesh, check_cells, reoriented
+from ldsim.mesh.mesh import Mesh, check_cells, doubled_vertices, doubled_words, reoriented
 from ldsim.mesh.options import SurfaceOptions
 from ldsim.mesh.refine import CHILDREN, refined
 from ldsim.mesh.repair import repaired
@@ -75,7 +75,10 @@ def described_scene(
     properties = _properties(options, made, cell_data)
     forces = [load_force(made, properties.density, load) for load in options.loads]
     load = sum(forces[1:], start=forces[0]) if forces else None
-    return make_scene(made, pinned, properties, options.gravity, options.time_step, load), notes
+    scene = make_scene(made, pinned, properties, options.gravity, options.time_step, load)
+    if doubled := doubled_vertices(made):
+        progress.tell(f"warning: {doubled_words(doubled)}")
+    return scene, notes
 
 
 def _of_surface(options: MeshOptions, progress: Progress, base: Path, kept: Path | None) -> Tets:

@@ -57,6 +57,13 @@ def test_a_loose_part_is_refused_with_its_size() -> None:
         scene(voxel_mesh(row, 0.1))
 
 
+def test_a_loose_part_that_touches_a_pinned_one_is_refused_with_what_is_not_joined() -> None:
+    apart = replace(BEAM, vertices=np.vstack([BEAM.vertices, BEAM.vertices + [0.4, 0, 0]]))
+    parts = replace(apart, cells=np.vstack([BEAM.cells, BEAM.cells + BEAM.n_vertices]))
+    with pytest.raises(SceneError, match="1 of 2 connected parts .*; 8 vertices lie where vertices of another part do"):
+        scene(parts)
+
+
 @pytest.mark.parametrize("cell_type", ["tet4", "hex8"])
 def test_the_weight_is_that_of_the_solid_less_what_the_pins_carry(cell_type: str) -> None:
     body = scene(beam(0.4, 0.1, 0.1, 2, cell_type), gravity=(1.0, -2.0, 3.0), density=500.0)

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ldsim.errors import MeshError
-from ldsim.mesh.mesh import CORNER_FRAMES, Mesh, check_cells, components, corner_volumes, reoriented
+from ldsim.mesh.mesh import (
+    CORNER_FRAMES,
+    Mesh,
+    check_cells,
+    components,
+    corner_volumes,
+    doubled_vertices,
+    reoriented,
+)
 from ldsim.mesh.shapes import CUBE_CORNERS, beam, voxel_mesh
 
 UNIT_TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -93,3 +103,25 @@ def test_pieces_apart_get_different_labels_and_pieces_that_share_a_vertex_the_sa
     corner_touching = np.zeros((2, 2, 2), dtype=bool)
     corner_touching[0, 0, 0] = corner_touching[1, 1, 1] = True
     assert set(components(voxel_mesh(corner_touching, 1.0))) == {0}
+
+
+def row_of_two(gap: float) -> Mesh:
+    """Two unit cubes in a row, each with vertices of its own, so far apart."""
+    return Mesh(np.vstack([CUBE_CORNERS, CUBE_CORNERS + [1 + gap, 0, 0]]), np.arange(16).reshape(2, 8), "hex8")
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_vertices_are_doubled_where_parts_touch_and_not_where_there_is_a_gap(scale: float) -> None:
+    for gap, doubled in ((0.0, 8), (1e-8, 8), (1e-4, 0)):
+        apart = row_of_two(gap)
+        assert doubled_vertices(replace(apart, vertices=scale * apart.vertices)) == doubled
+
+
+def test_vertices_of_one_part_are_not_doubled_and_neither_is_a_crack_within_it() -> None:
+    slab = voxel_mesh(np.ones((2, 2, 1), dtype=bool), 1.0, "hex8")
+    assert doubled_vertices(slab) == 0
+    middle = int(np.bincount(slab.cells.ravel()).argmax())
+    cells = slab.cells.copy()
+    cells[0][cells[0] == middle] = slab.n_vertices
+    cracked = Mesh(np.vstack([slab.vertices, slab.vertices[middle]]), cells, slab.cell_type)
+    assert doubled_vertices(cracked) == 0
