@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import MotionError
 from ldsim.mechanics.motion import Drag
 from ldsim.mechanics.scene import Scene
+
+# What the vertices and the target of a grab mostly are.
+ARRAY, WHOLE, REAL = np.ndarray, np.dtype(np.int64), np.dtype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +26,65 @@ class Grab:
         vertices: held vertices, (g,) int64.
         target: (3,) float64, metres.
         stiffness: k, N/m.
+
+    Raises:
+        MotionError: vertices that are not whole numbers of 0 or more, or none at all, a target that is not three finite
+            numbers, a stiffness that is not positive and finite.
     """
 
     vertices: Indices
     target: Array
     stiffness: float
+
+    def __post_init__(self) -> None:
+        if self._is_usual():
+            return
+        vertices = whole_numbers(self.vertices, "the vertices of a grab")
+        if vertices.min() < 0:
+            raise MotionError(
+                f"the vertices of a grab are from {vertices.min()} to {vertices.max()}; they must be 0 or more"
+            )
+        stiffness = np.asarray(self.stiffness)
+        if stiffness.ndim or stiffness.dtype.kind not in "iuf" or not 0 < stiffness < inf:
+            raise MotionError(f"the stiffness of a grab is {stiffness.tolist()!r}; it must be one positive number, N/m")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "target", checked_vector(self.target, "the target of a grab", "m"))
+        object.__setattr__(self, "stiffness", float(stiffness))
+
+    def _is_usual(self) -> bool:
+        """Whether all is of the usual types and allowed; in under a microsecond, for every frame makes grabs."""
+        vertices, target, stiffness = self.vertices, self.target, self.stiffness
+        if not (type(vertices) is ARRAY is type(target) and vertices.dtype is WHOLE and target.dtype is REAL):
+            return False
+        if vertices.ndim != 1 or not vertices.size or vertices.item(vertices.argmin()) < 0 or target.shape != (3,):
+            return False
+        x, y, z = target.tolist()
+        return isfinite(x) and isfinite(y) and isfinite(z) and isinstance(stiffness, float) and 0 < stiffness < inf
+
+
+def checked_vector(value: ArrayLike, name: str, unit: str) -> Array:
+    """Three finite numbers, (3,) float64.
+
+    Raises:
+        MotionError: it is something else.
+    """
+    vector = np.array(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise MotionError(f"{name} is {vector.tolist()}; it must be three finite numbers in {unit}")
+    return vector
+
+
+def whole_numbers(given: Any, name: str) -> NDArray[np.integer]:
+    """Whole numbers, at least one, (v,); the very array that was given where they are in one.
+
+    Raises:
+        MotionError: it is something else.
+    """
+    numbers: NDArray[np.integer] = np.asanyarray(given)
+    if numbers.ndim != 1 or not numbers.size or numbers.dtype.kind not in "iu":
+        found = f"{numbers.dtype} of the shape {numbers.shape}"
+        raise MotionError(f"{name} are {found}; they must be whole numbers, at least one, (v,)")
+    return numbers
 
 
 def usual_grip(scene: Scene) -> tuple[float, float]:

@@ -3,43 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ldsim.arrays import Array, Indices
+from ldsim.arrays import Indices
 from ldsim.errors import MotionError
-from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.grabs import Grab, whole_numbers
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
-
-
-def checked_vector(value: ArrayLike, name: str, unit: str) -> Array:
-    """Three finite numbers, (3,) float64.
-
-    Raises:
-        MotionError: it is something else.
-    """
-    vector = np.array(value, dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise MotionError(f"{name} is {vector.tolist()}; it must be three finite numbers in {unit}")
-    return vector
 
 
 def checked_grab(grab: Grab, scene: Scene) -> Grab:
     """A grab as a step reads it.
 
     Raises:
-        MotionError: what it holds are not vertices of the solid, each once, or a number is not allowed.
+        MotionError: it is none, or what it holds are not vertices of the solid, each once.
     """
     if not isinstance(grab, Grab):
         raise MotionError(f"a grab is {grab!r}; it must be a Grab(vertices, target, stiffness)")
-    stiffness = np.asarray(grab.stiffness)
-    if stiffness.ndim or stiffness.dtype.kind not in "iuf" or not 0 < stiffness < np.inf:
-        raise MotionError(f"the stiffness of a grab is {stiffness.tolist()!r}; it must be one positive number, N/m")
-    vertices = _vertices(grab.vertices, scene, "a grab")
-    return Grab(vertices, checked_vector(grab.target, "the target of a grab", "m"), float(stiffness))
+    return replace(grab, vertices=_vertices(grab.vertices, scene, "a grab"), target=grab.target.copy())
 
 
 def checked_pins(pins: Sequence[MovedPins], scene: Scene) -> tuple[MovedPins, ...]:
@@ -67,14 +51,11 @@ def checked_pins(pins: Sequence[MovedPins], scene: Scene) -> tuple[MovedPins, ..
 
 
 def _vertices(given: Any, scene: Scene, what: str) -> Indices:
-    vertices, n = np.asarray(given), scene.mesh.n_vertices
-    if vertices.ndim != 1 or not vertices.size or vertices.dtype.kind not in "iu":
-        found = f"{vertices.dtype} of the shape {vertices.shape}"
-        raise MotionError(f"the vertices of {what} are {found}; they must be whole numbers, at least one, (v,)")
+    vertices, n = whole_numbers(given, f"the vertices of {what}"), scene.mesh.n_vertices
     if not 0 <= vertices.min() <= vertices.max() < n:
         raise MotionError(
             f"the vertices of {what} are from {vertices.min()} to {vertices.max()}; they must be from 0 to {n - 1}"
         )
     if len(set(vertices.tolist())) < len(vertices):
         raise MotionError(f"{what} has a vertex twice")
-    return vertices if vertices.dtype == np.int64 else vertices.astype(np.int64)
+    return vertices.astype(np.int64, copy=False)

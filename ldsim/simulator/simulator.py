@@ -21,13 +21,13 @@ from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.stepper import Stepper
 from ldsim.errors import MotionError, SceneError, SolverError
 from ldsim.mechanics.elastic import elastic_energy
-from ldsim.mechanics.grabs import Grab, held_vertices, usual_grip
+from ldsim.mechanics.grabs import Grab, checked_vector, held_vertices, usual_grip
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mesh.surface import Surface
 from ldsim.optimise.solution import Reason, Solution
-from ldsim.simulator.checks import checked_grab, checked_pins, checked_vector
+from ldsim.simulator.checks import checked_grab, checked_pins
 from ldsim.simulator.fields import VertexField
 from ldsim.simulator.records import Outcome, SavedState, StepRecord
 from ldsim.space.space import Space

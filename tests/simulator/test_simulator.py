@@ -312,14 +312,8 @@ def test_what_another_solid_does_is_not_followed(kind: int) -> None:
 @pytest.mark.parametrize(
     ("grab", "message"),
     [
-        (Grab(np.array([-1]), TIP, 40.0), "from -1 to -1; they must be from 0 to 11"),
         (Grab(np.array([3, 12]), TIP, 40.0), "from 3 to 12; they must be from 0 to 11"),
         (Grab(np.array([11, 11]), TIP, 40.0), "a grab has a vertex twice"),
-        (Grab(np.array([], dtype=np.int64), TIP, 40.0), "at least one"),
-        (Grab(np.ones(12, dtype=bool), TIP, 40.0), "are bool of the shape .12,."),
-        (Grab(np.array([11]), TIP, -40.0), "stiffness of a grab is -40.0"),
-        (Grab(np.array([11]), TIP, np.nan), "stiffness of a grab is nan"),
-        (Grab(np.array([11]), np.full(3, np.nan), 40.0), "target of a grab is .nan"),
         (11, "a grab is 11; it must be a Grab"),
     ],
 )

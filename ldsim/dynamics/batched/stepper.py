@@ -104,7 +104,7 @@ class BatchedStepper:
         piece: instances in one piece of work; None for as many as the device's memory serves best.
 
     Raises:
-        SolverError: the type is neither float32 nor float64, or the device is not there.
+        SolverError: the space is the full one, the type is neither float32 nor float64, or the device is not there.
     """
 
     def __init__(
@@ -117,6 +117,8 @@ class BatchedStepper:
         dtype: torch.dtype = torch.float64,
         piece: int | None = None,
     ) -> None:
+        if space.basis is None:
+            raise SolverError(f"batched stepping in the {space.name} space; it needs a reduced one, latent or linear")
         if dtype not in DTYPES:
             raise SolverError(f"batched stepping in {dtype}; allowed are torch.float64 and torch.float32")
         if torch.device(device).type == "cuda" and not torch.cuda.is_available():
@@ -149,7 +151,15 @@ class BatchedStepper:
         return torch.zeros((n, count), dtype=self.dtype, device=self.device)
 
     def state(self, states: Sequence[ReducedState]) -> BatchedState:
-        """A batch of serial states."""
+        """A batch of serial states.
+
+        Raises:
+            ValueError: one is of another model.
+        """
+        own = self.model.decoder.r, self.model.decoder.k
+        for each in states:
+            if (each.r, each.k) != own:
+                raise ValueError(f"a state has (r, k) = {(each.r, each.k)}; this stepper has {own}")
         still = np.zeros(self._lifting.count)  # where no pins move, a serial state says nothing of them
 
         def batch(name: str) -> Tensor:
@@ -202,11 +212,16 @@ class BatchedStepper:
         An instance that has no finite energy to start from stays where it is, is listed in the solution's `lost`, and
         lets no gradient through; the others do not notice. In a condensed space nothing holds it any more.
 
+        Args:
+            loads: with gravity of each instance, (n, 3), or one of all, (3,).
+
         Raises:
             SolverError: the loads are of another number of instances than the state, or those of a condensed space have
                 other factors in μ than in λ.
         """
         n = len(state.z)
+        if loads.gravity.shape == (3,):
+            loads = loads._replace(gravity=loads.gravity.expand(n, 3))
         if counts := {each.shape[0] for each in loads.tensors} - {n}:
             raise SolverError(f"loads of {counts.pop()} instances, a state of {n}; each instance has a row of its own")
         results: list[_Solved] = []

@@ -28,7 +28,7 @@ from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
-from tests.dynamics.batched.solids import K, basis, batched, body, curved, march, pulls, serial
+from tests.dynamics.batched.solids import K, R, basis, batched, body, curved, march, pulls, serial
 from tests.helpers import derivative_order, reduced_space, scene
 
 Array = NDArray[np.float64]
@@ -346,3 +346,20 @@ def test_loads_of_another_number_of_instances_are_refused(wrong: dict[str, int])
 def test_a_type_or_device_that_is_not_there_is_named(options: dict[str, object], words: str) -> None:
     with pytest.raises(SolverError, match=words):
         batched(body(), curved(), **options)
+
+
+def test_a_full_space_and_a_state_of_another_model_are_refused() -> None:
+    with pytest.raises(SolverError, match="batched stepping in the full space; it needs a reduced one"):
+        BatchedStepper(Space.full(body()))
+    other = serial(reduced_space(body(), basis(body())[:, :2])).rest()
+    with pytest.raises(ValueError, match=rf"a state has \(r, k\) = \(2, 2\); this stepper has \({R}, {K}\)"):
+        batched(body(), curved()).state([other])
+
+
+def test_one_gravity_is_that_of_every_instance() -> None:
+    stepper, g = batched(body(), curved()), torch.tensor([1.0, 2.0, -9.0], dtype=torch.float64)
+    for count in (2, 3):
+        loads = stepper.loads([pulls(body(), 1)] * count)
+        one = march(stepper, loads._replace(gravity=g), 2)
+        each = march(stepper, loads._replace(gravity=g.repeat(count, 1)), 2)
+        np.testing.assert_array_equal(one.q, each.q)

@@ -235,3 +235,12 @@ def test_a_batch_of_none_is_stepped() -> None:
     stepper = BatchedStepper(space("bent dents"))
     state, solution = stepper.step(stepper.rest(0), stepper.loads([]))
     assert state.q.shape == (0, stepper.model.decoder.k) and len(solution.lost) == 0
+
+
+@pytest.mark.parametrize("kind", SPACES)
+def test_one_gravity_is_that_of_every_instance(kind: str) -> None:
+    stepper, g = BatchedStepper(space(kind)), torch.tensor([3.0, 4.0, -2.0], dtype=torch.float64)
+    loads, vertices = stepper.loads(acting(space(kind))[:2]), drawn(space(kind))
+    states = [march(stepper, loads._replace(gravity=given), 2) for given in (g, g.repeat(2, 1))]
+    one, each = (stepper.displacement(state, vertices) for state in states)
+    np.testing.assert_array_equal(one, each)
