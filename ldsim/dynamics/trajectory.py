@@ -9,6 +9,9 @@ import numpy as np
 from ldsim.arrays import Array, Indices
 from ldsim.optimise.solution import Reason
 
+# Up to this online error a run is good.
+LARGE_ONLINE_ERROR = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.artefacts.records import write_simulation
-from ldsim.dynamics.trajectory import Trajectory
+from ldsim.dynamics.trajectory import LARGE_ONLINE_ERROR, Trajectory
 from ldsim.errors import SettingsError
 from ldsim.jit import one_thread
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
@@ -77,8 +77,10 @@ def simulate(
         said = bound(fresh["latent"], options.statement.quantile, options.statement.confidence)
         named = "" if notes["space"] == LATENT else LATENT
         progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE]), named))
-    for warning in (*_failed_steps(runs), *_novel_frames(runs["latent"], run.model.novelty)):
+    for warning in _failed_steps(runs):
         progress.tell(f"warning: {warning}")
+    for name, words in novel_frames(runs["latent"], run.model.novelty).items():
+        progress.tell(f"warning: {name} in the latent space: {words}")
     return runs
 
 
@@ -143,18 +145,21 @@ def _with_novelty(trajectory: Trajectory, novelty: Novelty | None) -> Trajectory
     return replace(trajectory, novelty=novelty(trajectory.latent))
 
 
-def _novel_frames(runs: Mapping[str, Trajectory], novelty: Novelty | None) -> list[str]:
-    """Where the latent space was among states that it does not know."""
-    found = []
+def novel_frames(runs: Mapping[str, Trajectory], novelty: Novelty | None) -> dict[str, str]:
+    """Motion → what is to be said where the latent space was among states that it does not know.
+
+    The score knows places, not errors: of a motion that is known to be followed well nothing is said.
+    """
+    found: dict[str, str] = {}
     for name, trajectory in runs.items():
-        if novelty is None or trajectory.novelty is None:
+        error = trajectory.relative_error
+        if novelty is None or trajectory.novelty is None or (error is not None and error <= LARGE_ONLINE_ERROR):
             continue
         far = int((trajectory.novelty > novelty.threshold).sum())
         if far:
-            found.append(
-                f"{name} in the latent space: {far} of {len(trajectory.novelty)} frames are far from the training "
-                f"motions (score up to {np.nanmax(trajectory.novelty):.2g}, threshold {novelty.threshold:.2g}); train "
-                "on motions like it"
+            found[name] = (
+                f"{far} of {len(trajectory.novelty)} frames are far from the training motions (score up to "
+                f"{np.nanmax(trajectory.novelty):.2g}, threshold {novelty.threshold:.2g}); train on motions like it"
             )
     return found
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.cubature.options import CubatureOptions
+from ldsim.dynamics.trajectory import LARGE_ONLINE_ERROR
 from ldsim.learn.options import TrainOptions
 from ldsim.mechanics.materials import material_names
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
-from ldsim.report.warnings import LARGE_ONLINE_ERROR
 from ldsim.report.wording import readable
 from ldsim.run import Run
 from ldsim.space.options import PcaOptions

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TypeGuard
 
+from ldsim.dynamics.trajectory import LARGE_ONLINE_ERROR
 from ldsim.report.schema import ROLE_NAMES, ROLES, FrontierRun, RunNumbers, Statement, Verdict
-from ldsim.report.warnings import LARGE_ONLINE_ERROR
 from ldsim.report.wording import counted, readable
 
 # Beyond this online error a motion is another one.

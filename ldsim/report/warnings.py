@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from ldsim.dynamics.trajectory import LARGE_ONLINE_ERROR
 from ldsim.optimise.solution import failures
+from ldsim.pipeline.simulate import novel_frames
 from ldsim.report.runs import runs
 from ldsim.report.schema import MM_PER_M, ROLE_NAMES, ROLES, Reconstruction, RunNumbers
 from ldsim.report.wording import readable
 from ldsim.run import REDUCED, SPACES, Run
 
-LARGE_ONLINE_ERROR = 0.1
 UNSEEN_GAP = 3.0
 
 
@@ -33,10 +34,12 @@ def warnings_of_numbers(report: RunNumbers, cubature_tolerance: float) -> list[s
 
 
 def warnings_of_run(run: Run, training_tolerance_mm: float) -> list[str]:
-    """Warnings that only the artefacts can tell: a missed tolerance, steps that stopped early, a changed material."""
+    """Warnings that only the artefacts can tell: a missed tolerance, steps that stopped early or far from what was
+    learned, a changed material."""
     return [
         *_missed_training_tolerance(run, training_tolerance_mm),
         *_unconverged_steps(run),
+        *_novel_frames(run),
         *_changed_material(run),
     ]
 
@@ -136,3 +139,8 @@ def _unconverged_steps(run: Run) -> list[str]:
             if not trajectory.diverged:
                 found[f"{space} run of motion {name}"] = failures(trajectory.reason)
     return [f"In the {what}, {words}." for what, words in found.items() if words]
+
+
+def _novel_frames(run: Run) -> list[str]:
+    found = novel_frames(runs(run, "latent"), run.model.novelty)
+    return [f"In the latent run of motion {name}, {words}." for name, words in found.items()]

@@ -106,7 +106,12 @@ def test_simulate_records_the_novelty_score_and_warns_where_it_is_high(experimen
     assert experiment.invoke("cubature").exit_code in (0, 3)
     result = experiment.invoke("simulate")
     assert result.exit_code == 0
-    assert "frames are far from the training motions" in result.stderr
+    with h5py.File(experiment.run / "simulation.h5") as file:
+        runs = {name: file["runs/latent"][name] for name in file["runs/latent"]}
+        errors = {name: each["mean_error"][:].sum() / each["mean_displacement"][:].sum() for name, each in runs.items()}
+    for name, error in errors.items():
+        told = f"{name} in the latent space: 20 of 20 frames are far from the training motions" in result.stderr
+        assert told == (not error <= 0.1), (name, error)
 
 
 def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment) -> None:

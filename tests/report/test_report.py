@@ -27,6 +27,7 @@ from ldsim.report.schema import STAGES, RunNumbers, check_report
 from ldsim.report.verdict import verdict
 from ldsim.report.wording import readable
 from ldsim.run import REDUCED, SPACES, Run
+from ldsim.space.novelty import Novelty
 from tests.report.example_report import example_report
 from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
 
@@ -270,6 +271,19 @@ def test_steps_that_stopped_early_are_counted(folder):
     assert found == [
         "In the latent run of motion push, 3 of 11 steps did not converge (the line search found no decrease)."
     ]
+
+
+@pytest.mark.parametrize("error, told", [(0.05, []), (0.2, ["In the latent run of motion push, 2 of 11 frames"])])
+def test_frames_far_from_what_was_learned_are_told_where_the_motion_is_missed_too(folder, error, told):
+    with finished_run(folder) as run:
+        latent = run.simulation["latent"]
+        push = latent["push"]
+        scores = np.where(np.arange(len(push.seconds)) < 2, 3.0, 0.5)
+        push = replace(push, novelty=scores, mean_error=error * push.mean_displacement)
+        run = changed(run, "simulation", {**run.simulation, "latent": {**latent, "push": push}})
+        run = changed(run, "model", replace(run.model, novelty=Novelty(np.zeros((1, R)), 1.0, 2.0)))
+        found = [text for text in warnings_of(run) if "far from the training motions" in text]
+    assert [text[: text.index(" are far")] for text in found] == told
 
 
 def test_missed_tolerances_are_named(folder):
