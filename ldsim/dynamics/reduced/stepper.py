@@ -18,7 +18,7 @@ from ldsim.dynamics.reduced.matrices import diagonal_or_whole, leading, reduced_
 from ldsim.dynamics.reduced.minimiser import Method, Minimisation
 from ldsim.dynamics.reduced.moving_pins import MovingPins
 from ldsim.dynamics.reduced.options import ReducedOptions
-from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work
+from ldsim.dynamics.reduced.potential import Reduced, Springs, Work, make_work, rounding
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.workspace import Unloaded, Workspace, same_arrays
 from ldsim.errors import MotionError
@@ -86,7 +86,7 @@ class ReducedStepper:
         self._renewal_cost = RENEWAL_COST[method]
         renewal = RENEWAL[method] if options.current else options.max_iterations
         self._minimisation = Minimisation(
-            options.stop(float(scene.vertex_mass.sum())),
+            self._stop(),
             options.max_iterations,
             int(method),
             options.current,
@@ -96,6 +96,11 @@ class ReducedStepper:
         )
         self._total_mass = float(scene.mass.sum())
         self._threads = threading.local()
+
+    def _stop(self) -> float:
+        """Where a step of the model stops, N."""
+        stop = self.options.stop(float(self.scene.vertex_mass.sum()))
+        return max(stop, rounding(self._model))  # what is below is never reached
 
     def _swinging(self, scale: float) -> Reduced:
         """The model with the modes that swing of a solid so many times as stiff."""
@@ -249,6 +254,7 @@ class ReducedStepper:
         metric = self._own_metric + (scale - 1) * self._stiffness
         model = self._swinging(scale)
         other._model = model._replace(mu=scale * elements.mu, lam=scale * elements.lam, metric=metric)
+        other._minimisation = self._minimisation._replace(tolerance=other._stop())
         if self._compliance is not None:
             other.space = replace(self.space, compliance=self._compliance.stiffened(scale))
         other._threads = threading.local()

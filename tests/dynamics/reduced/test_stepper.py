@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,10 @@ from ldsim.dynamics.full.potential import IncrementalPotential
 from ldsim.dynamics.full.stepper import FullStepper
 from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.jit import in_threads
+from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
+from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import Decoder
@@ -173,3 +176,21 @@ def test_a_solid_of_tons_moves_as_a_light_one() -> None:
 
     light = sag(1.0)
     np.testing.assert_allclose(sag(1e6), light, atol=0.02 * np.abs(light).max())
+
+
+@pytest.mark.parametrize("decoder", [Decoder.identity(9), curved(9, 4)], ids=["linear", "latent"])
+@pytest.mark.parametrize("size", [0.25, 2.5, 250.0])
+def test_a_step_of_steel_ends_where_rounding_hides_the_rest_of_the_gradient(size: float, decoder: Decoder) -> None:
+    coarse = beam(resolution=1)
+    mesh = Mesh(size * coarse.vertices, coarse.cells, coarse.cell_type)
+    body = scene(mesh, youngs_modulus=2e11, density=7.8e3, time_step=0.01 * math.sqrt(size))
+    tip = np.flatnonzero(mesh.vertices[:, 0] > mesh.vertices[:, 0].max() - 1e-9 * size)
+    given = stepper(body, some_basis(body, 9), decoder, tolerance=1e-30)
+    for some in (given, given.stiffened(4.0)):
+        state = some.rest()
+        for frame in range(1, 9):
+            to = mesh.vertices[tip].mean(axis=0) + [0.0, 0.02 * size * frame, 0.0]
+            state, solution = some.step(state, Loads((Grab(tip, to, 6e7 * size),)))
+            assert solution.reason == Reason.CONVERGED
+            pull = 6e7 * size * 0.02 * size * frame / math.sqrt(body.vertex_mass.sum())
+            assert solution.gradient_norm < 1e-8 * pull
