@@ -150,9 +150,11 @@ class BatchedSimulator:
         if given.shape != (len(self),) or given.dtype.kind not in "iu":
             found = f"{given.dtype} of the shape {given.shape}"
             raise SolverError(f"grabs are {found}; they must be the whole numbers that grab gave, ({len(self)},)")
-        if given.max() >= UNSIGNED:  # the library would take 2³² + 1 for 1
-            raise SolverError(f"there is no grab {given.max()}; give the numbers that grab gave")
-        return [int(number) for number in given]
+        numbers = [int(number) for number in given]
+        for number in numbers:
+            if not 0 <= number < UNSIGNED:  # the library would take 2³² + 1, and 1 − 2³², for 1
+                raise SolverError(f"there is no grab {number}; give the numbers that grab gave")
+        return numbers
 
     def _each(self, values: ArrayLike, name: str) -> Array:
         given = np.asarray(values, dtype=np.float64)

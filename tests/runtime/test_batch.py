@@ -86,8 +86,9 @@ def test_numbers_that_would_wrap_in_the_library_are_refused(library: Library) ->
             BatchedSimulator(model, 2, 1, max_grabs=most)
     batch, tip = BatchedSimulator(model, 2, 1), latent().scene.mesh.vertices[-1]
     grabs = batch.grab(tip, tip)
-    with pytest.raises(SolverError, match=f"there is no grab {2**32 + 1}"):
-        batch.move(grabs + 2**32, tip + 1.0)
+    for turns in (1, -1):
+        with pytest.raises(SolverError, match=f"there is no grab {1 + turns * 2**32}"):
+            batch.move(grabs + turns * 2**32, tip + 1.0)
 
 
 def test_the_full_space_is_refused_by_its_name(tmp_path: Path, library: Library) -> None:
