@@ -15,7 +15,7 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.jit import kernel
-from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, accepts, next_step
+from ldsim.optimise.line_search import EPSILON, MAX_BACKTRACKS, ROUNDOFF, accepts, next_step
 from ldsim.optimise.solution import Reason, Solution
 
 # A pair is kept above this cosine between s and y: no Hessian that doubles can hold has one below √ε, and the estimate
@@ -100,6 +100,7 @@ def minimise(
     max_iterations: int = 500,
     refresh: Callable[[Array, int], bool] | None = None,
     deadline: float = math.inf,
+    noise: float = 0.0,
 ) -> Solution:
     """Minimise from x, in place, until ‖g‖ ≤ tolerance · max(‖x‖, 1) (paper, Sec. 5.2).
 
@@ -112,6 +113,7 @@ def minimise(
         refresh: called before each iteration with x and the iterations so far; true means that the preconditioner
             was changed, so the memory starts anew.
         deadline: on the clock of `time.perf_counter`, after which no further iteration or evaluation is begun.
+        noise: of a value, where it is a sum of terms that cancel: values closer than it are told apart by their slopes.
 
     Returns:
         The record of the solve; x is never worse than where it started.
@@ -137,7 +139,7 @@ def minimise(
             memory.clear()
             d = precondition(-g)
             slope = float(g @ d)
-        trial = _search(objective, _Ray(x, d, f, slope), g_new, deadline)
+        trial = _search(objective, _Ray(x, d, f, slope), g_new, deadline, noise)
         evaluations += trial.evaluations
         if trial.failure is not None:
             return Solution(f, norm, iteration, evaluations, trial.failure)
@@ -165,18 +167,19 @@ class _Trial(NamedTuple):
     failure: Reason | None
 
 
-def _search(objective: Objective, ray: _Ray, g: Array, deadline: float) -> _Trial:
+def _search(objective: Objective, ray: _Ray, g: Array, deadline: float, noise: float) -> _Trial:
     """Line search along the ray; the gradient where it ends is written into g."""
-    step = 1.0
+    step, least = 1.0, noise / ROUNDOFF
+    lift = 0.0 if abs(ray.f) >= least else least - ray.f  # beside a value so large the noise is rounding
     for evaluations in range(1, MAX_BACKTRACKS + 1):
         x = ray.x + step * ray.d
         f = objective(x, g)
         slope = float(g @ ray.d) if math.isfinite(f) else math.inf
-        if accepts(ray.f, ray.slope, step, f, slope):
+        if accepts(ray.f + lift, ray.slope, step, f + lift, slope):
             return _Trial(x, f, evaluations, None)
         if time.perf_counter() > deadline:
             return _Trial(x, f, evaluations, Reason.ITERATIONS_SPENT)
-        step = next_step(ray.f, ray.slope, step, f, slope)
+        step = next_step(ray.f + lift, ray.slope, step, f + lift, slope)
         # a shorter step would not change x any more
         if step * math.sqrt(float(ray.d @ ray.d)) <= EPSILON * math.sqrt(float(ray.x @ ray.x)):
             break

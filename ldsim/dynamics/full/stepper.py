@@ -89,7 +89,8 @@ class FullStepper:
         self.choice = choose(scene, options.linear_solver) if choice is None else choice
         self._newton = options.method == "newton"
         self._total_mass = float(scene.mass.sum())
-        self._tolerance = max(options.stop(scene.vertex_mass), rounding(scene))  # what is below is never reached
+        self._noise, least = rounding(scene)
+        self._tolerance = max(options.stop(scene.vertex_mass), least)  # what is below is never reached
         self._threads = threading.local()
 
     def rest(self) -> FullState:
@@ -138,6 +139,7 @@ class FullStepper:
             max_iterations=options.max_iterations,
             refresh=refactorise,
             deadline=deadline,
+            noise=self._noise,
         )
         if midway:  # this step began with an older factor, so the next one is the first
             fresh, excess = -1, 0
