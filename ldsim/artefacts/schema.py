@@ -180,7 +180,7 @@ SCHEMAS: dict[str, tuple[Dataset, ...]] = {
         Dataset("search_own", "?", ("tried",), "", "whether it was a training of that size, or leading codes", True),
         Dataset("novelty/landmarks", "f8", ("L", "r"), "", "training codes", True),
         Dataset("novelty/reach", "f8", (), "", "distance to a landmark that 99 % of training codes stay within", True),
-        Dataset("novelty/threshold", "f8", (), "", "score from which on a frame is warned of", True),
+        Dataset("novelty/threshold", "f8", (), "", "score from which on a frame is far from what was learned", True),
         Dataset("errors", "f8", (2, 2), "m", "largest and mean vertex error, training and validation frames"),
         Dataset(
             "kp",

@@ -175,3 +175,12 @@ def test_like_solids_of_a_millimetre_and_of_a_hundred_metres_take_nearly_as_many
 def test_a_tolerance_that_is_given_holds_in_every_space_and_that_of_the_paper_where_none_is() -> None:
     assert SimulateOptions(tolerance=1e-5).stops(BODY.vertex_mass) == (1e-5, 1e-5)
     assert SimulateOptions().stops(BODY.vertex_mass) == (1e-8, 1e-8)
+
+
+@pytest.mark.parametrize(("times", "of_weights", "of_reduced"), [(1e-12, 1e-6, 1e-7), (1e14, 1e-9, 1e-10)])
+def test_of_a_very_light_or_heavy_solid_a_tolerance_is_a_share_of_what_acts_on_it(
+    times: float, of_weights: float, of_reduced: float
+) -> None:
+    masses = times * BODY.vertex_mass
+    weights = 9.8 * np.linalg.norm(masses), 9.8 * np.sqrt(masses.sum())
+    assert SimulateOptions().stops(masses) == pytest.approx((of_weights * weights[0], of_reduced * weights[1]))
