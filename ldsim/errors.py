@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+# Exit status of what Ctrl+C ended, as shells have it: 128 and the number of the signal.
+INTERRUPTED = 130
+
 
 class LdsimError(Exception):
     """Something the user can act on; the message names the thing, what was got, what is allowed."""

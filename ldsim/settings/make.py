@@ -16,6 +16,7 @@ import yaml
 
 from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
 from ldsim.dynamics.reduced import advance
+from ldsim.errors import INTERRUPTED
 from ldsim.jit import are_kept
 from ldsim.options import Options
 from ldsim.pipeline.convergence import read_rounds
@@ -45,6 +46,10 @@ WITHOUT_STEPS = ("mesh", "snapshot")
 AHEAD = "ldsim.dynamics.reduced.ahead"
 # Status of a stage whose artefact is whole but misses a tolerance, which is told; no reason to stop.
 MISSED = 3
+# Statuses of a stage that was interrupted and has told it. CPython has the signal too, where it came within an exec().
+BY_CTRL_C = (INTERRUPTED, -signal.SIGINT)
+# How long a stage may take to end by itself once it was interrupted.
+TO_END_S = 10.0
 # A note of a header: the files outside the run that it was made from.
 FILES = "files"
 # Settings that change how long a stage takes, and not what it writes.
@@ -177,6 +182,7 @@ def make(
 
     Raises:
         StageFailed: a stage ended with an error, which it has told; what is finished is kept.
+        StageInterrupted: Ctrl+C ended a stage.
     """
     settings = load_settings(config)
     ran: dict[str, str] = {}
@@ -190,7 +196,9 @@ def make(
             reason = next(iter(reasons.values()))
             say(f"{stage}: stage {STAGES.index(stage) + 1} of {len(STAGES)}, {MAKES[stage]} ({reason})")
             command = [sys.executable, "-m", "ldsim", stage, str(config), "--runs", str(runs), *flags.get(stage, ())]
-            status = subprocess.run(command, check=False).returncode
+            status = status_of(command)
+            if status in BY_CTRL_C:
+                raise StageInterrupted
             if status not in (0, MISSED):
                 failed = StageFailed(stage, status)
                 if status < 0:
@@ -199,6 +207,24 @@ def make(
             known.written(stage)
             ran[stage] = reason
     return ran
+
+
+def status_of(command: Sequence[str]) -> int:
+    """The exit status of a stage, which ends where this process is to end.
+
+    Ctrl+C reaches both: a stage has some seconds to tell of it, so that this process need not.
+    """
+    process = subprocess.Popen(command)
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if (status := process.wait(TO_END_S)) in BY_CTRL_C:
+                return status
+        raise
+    finally:
+        process.kill()
+        process.wait()
 
 
 @contextlib.contextmanager
@@ -238,6 +264,12 @@ def ended_alike() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+class StageInterrupted(KeyboardInterrupt):
+    """Ctrl+C ended a stage, which has told of it; no failure that whoever calls could go on after."""
+
+    status = INTERRUPTED
 
 
 class StageFailed(Exception):

@@ -8,7 +8,7 @@ import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import pytest
 import yaml
@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from ldsim.cli.app import main
 from ldsim.learn.options import TrainOptions
 from ldsim.pipeline.convergence import Round, write_rounds
-from ldsim.settings import STAGES, load_settings
+from ldsim.settings import STAGES, load_settings, make
 from ldsim.settings.make import changed_settings
 from tests.cli.experiments import TINY, WRITES, Experiment, refused
 from tests.helpers import changed as changed_file
@@ -95,7 +95,7 @@ def test_how_much_memory_runs_may_take_makes_nothing_stale(experiment: Experimen
 
 def test_a_stage_that_a_signal_ends_is_told(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     """As Linux ends what takes more memory than there is; the stage itself cannot say so any more."""
-    monkeypatch.setattr(subprocess, "run", lambda command, check: subprocess.CompletedProcess(command, -signal.SIGKILL))
+    monkeypatch.setattr(make, "status_of", lambda command: -signal.SIGKILL)
     experiment.change("train.learning_rate", 1e-3)
     result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
     assert result.exit_code == 1
@@ -103,17 +103,28 @@ def test_a_stage_that_a_signal_ends_is_told(experiment: Experiment, monkeypatch:
 
 
 def test_who_ends_make_ends_its_stage_too(experiment: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`kill` reaches the command alone; subprocess ends its child where waiting for it is left by an exception."""
+    """`kill` reaches the command alone."""
+    notes = list[str]()
 
-    def killed(command: list[str], check: bool) -> NoReturn:
-        signal.raise_signal(signal.SIGTERM)
-        pytest.fail("it went on waiting")
+    class Stage:
+        def __init__(self, command: list[str]) -> None:
+            pass
+
+        def wait(self) -> None:
+            notes.append("waited")
+            if len(notes) == 1:
+                signal.raise_signal(signal.SIGTERM)
+                pytest.fail("it went on waiting")
+
+        def kill(self) -> None:
+            notes.append("killed")
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(subprocess, "run", killed)
+    monkeypatch.setattr(subprocess, "Popen", Stage)
     experiment.change("train.learning_rate", 1e-3)
     result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
     assert result.exit_code == 128 + signal.SIGTERM and signal.getsignal(signal.SIGTERM) is before
+    assert notes == ["waited", "killed", "waited"]
 
 
 @pytest.mark.parametrize("stage", WRITES)
