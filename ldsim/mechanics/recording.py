@@ -101,8 +101,10 @@ def _needed(header: dict[str, str], key: str, unit: str, path: Path) -> float:
         value = float(header[key])
     except (KeyError, ValueError) as error:
         raise MotionError(f"recording {path} needs a line '# {key}: <number in {unit}>'") from error
-    if not 0 <= value < np.inf or (value == 0 and unit == "N/m"):  # a radius of nothing holds the nearest vertex
-        raise MotionError(f"recording {path}: {key} is {value:g} {unit}; it must be positive and finite")
+    positive = unit == "N/m"  # a radius of nothing holds the nearest vertex
+    if not 0 <= value < np.inf or (positive and value == 0):
+        allowed = "positive" if positive else "0 or more"
+        raise MotionError(f"recording {path}: {key} is {value:g} {unit}; it must be {allowed} and finite")
     return value
 
 

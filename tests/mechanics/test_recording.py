@@ -34,6 +34,11 @@ def test_runs_of_dragging_rows_become_drags(tmp_path: Path) -> None:
     assert (first.stiffness, first.radius) == (30, 0.03)
 
 
+def test_a_radius_of_nothing_holds_the_nearest_vertex_alone(tmp_path: Path) -> None:
+    motion = read_recording(written(tmp_path, HEADER.replace("0.03", "0") + COLUMNS + "\n".join(ROWS)), "m")
+    assert {drag.radius for drag in motion.drags} == {0}
+
+
 @pytest.mark.parametrize(("encoding", "comma"), [("utf-8-sig", ","), ("utf-8", ", ")], ids=["mark", "spaces"])
 def test_a_recording_that_a_spreadsheet_wrote_is_read(tmp_path: Path, encoding: str, comma: str) -> None:
     """With the mark of its encoding in front, or spaces after the commas."""
@@ -65,7 +70,9 @@ def test_a_recording_that_a_spreadsheet_saved_again_is_read(tmp_path: Path) -> N
         (COLUMNS + ROWS[1], "needs a line '# spring_stiffness_n_per_m"),
         (HEADER.replace("30", "-1") + COLUMNS + ROWS[1], "must be positive"),
         (HEADER.replace("30", "inf") + COLUMNS + ROWS[1], "spring_stiffness_n_per_m is inf N/m; it must be positive"),
-        (HEADER.replace("0.03", "1e999") + COLUMNS + ROWS[1], "grab_radius_m is inf m; it must be positive"),
+        (HEADER.replace("0.03", "inf") + COLUMNS + ROWS[1], "grab_radius_m is inf m; it must be 0 or more and finite"),
+        (HEADER.replace("0.03", "-1") + COLUMNS + ROWS[1], "grab_radius_m is -1 m; it must be 0 or more and finite"),
+        (HEADER.replace("30", "0") + COLUMNS + ROWS[1], "spring_stiffness_n_per_m is 0 N/m; it must be positive"),
         (HEADER + COLUMNS.replace("target_y", "y") + ROWS[1], "lacks the column 'target_y'"),
         (HEADER + COLUMNS + "1,1,1,2,three,4,5,6", "does not hold seven numbers"),
         (HEADER + COLUMNS + "1,1,1", "does not hold seven numbers"),
