@@ -19,9 +19,7 @@ class TermOptions(Options):
     """What a fit takes in besides the forces of the decoded poses; 0 leaves it out."""
 
     volume: Annotated[float, Field(ge=0, description="Weight of the total volume, relative to the forces.")] = 0.3
-    closure: Annotated[
-        Share, Field(description="Share of the true poses' forces in the target; latent space only.")
-    ] = 0.0
+    closure: Annotated[Share, Field(description="Share of the true poses' forces in the target.")] = 0.0
 
 
 class FitOptions(Options):
@@ -57,9 +55,12 @@ class FitOptions(Options):
 class VirtualOptions(Options):
     """How virtual points are fitted: points with strain maps of their own."""
 
-    points: Annotated[int, Field(ge=0, description="Most virtual points of an autoencoder's rule; 0 for none.")] = 24
+    points: Annotated[
+        int,
+        Field(ge=0, description="Most of a rule; 0 for none. A condensed space has those of train.condensed.points."),
+    ] = 24
     linear_points: Annotated[
-        int | None, Field(ge=0, description="The same for the linear rules; left out, as many as for the latent one.")
+        int | None, Field(ge=0, description="The same for the linear rules alone; left out, as virtual.points says.")
     ] = None
     poses: Annotated[
         int, Field(ge=2, description="Most poses to fit; half recorded ones where there are synthetic ones too.")
@@ -79,7 +80,7 @@ class VirtualOptions(Options):
 
 
 class CubatureOptions(FitOptions):
-    """The choice of the rules of the latent space and of its linear rival."""
+    """The choice of the rules of the latent space, of whatever kind, and of the linear ones beside it."""
 
     linear_max_points: Annotated[int, Field(ge=1, description="Most points of a linear rule.")] = 500
     linear_sizes: Annotated[
