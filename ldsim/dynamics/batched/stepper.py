@@ -125,6 +125,7 @@ class BatchedStepper:
             raise SolverError(f"device {device!r} asked for, but PyTorch {torch.__version__} sees none; use 'cpu'")
         self.device, self.dtype = torch.device(device), dtype
         self.model = BatchedModel.of(space, self.device, dtype)
+        self._dimensions = (space.decoder.r, space.decoder.k)
         self.tolerance, self.max_iterations = tolerance, max_iterations
         room = LARGEST_TEMPORARY.get(self.device.type, LARGEST_TEMPORARY["cpu"])
         self.piece = max(piece or room // (9 * space.decoder.r * max(len(space.rule.points), 1)), 1)
@@ -142,12 +143,11 @@ class BatchedStepper:
 
     def rest(self, n: int = 1) -> BatchedState:
         """n instances at rest."""
-        sizes = (self.model.decoder.r, self.model.decoder.k, self._lifting.count)
-        z, q, a = (self.tensor(np.zeros((n, size))) for size in sizes)
+        z, q, a = (self.tensor(np.zeros((n, size))) for size in (*self._dimensions, self._lifting.count))
         return BatchedState(z, z, q, q, a, a, self._nothing_kept(n), self._beside([AT_REST] * n))
 
     def _nothing_kept(self, n: int) -> Tensor:
-        count = 0 if self._compiled is None else numbers_of_a_state(self.model.decoder.r, self.model.decoder.k)
+        count = 0 if self._compiled is None else numbers_of_a_state(*self._dimensions)
         return torch.zeros((n, count), dtype=self.dtype, device=self.device)
 
     def state(self, states: Sequence[ReducedState]) -> BatchedState:
@@ -156,10 +156,9 @@ class BatchedStepper:
         Raises:
             ValueError: one is of another model.
         """
-        own = self.model.decoder.r, self.model.decoder.k
         for each in states:
-            if (each.r, each.k) != own:
-                raise ValueError(f"a state has (r, k) = {(each.r, each.k)}; this stepper has {own}")
+            if (each.r, each.k) != self._dimensions:
+                raise ValueError(f"a state has (r, k) = {(each.r, each.k)}; this stepper has {self._dimensions}")
         still = np.zeros(self._lifting.count)  # where no pins move, a serial state says nothing of them
 
         def batch(name: str) -> Tensor:
@@ -213,15 +212,20 @@ class BatchedStepper:
         lets no gradient through; the others do not notice. In a condensed space nothing holds it any more.
 
         Args:
-            loads: with gravity of each instance, (n, 3), or one of all, (3,).
+            loads: with gravity of each instance, (n, 3), or one of all, (3,), as a tensor or as other numbers.
 
         Raises:
-            SolverError: the loads are of another number of instances than the state, or those of a condensed space have
-                other factors in μ than in λ.
+            ValueError: the state is of another model.
+            SolverError: the loads are of another number of instances than the state, their gravity is of another shape,
+                or those of a condensed space have other factors in μ than in λ.
         """
-        n = len(state.z)
-        if loads.gravity.shape == (3,):
-            loads = loads._replace(gravity=loads.gravity.expand(n, 3))
+        n, given = len(state.z), (state.z.shape[1], state.q.shape[1])
+        if given != self._dimensions:
+            raise ValueError(f"the state has (r, k) = {given}; this stepper has {self._dimensions}")
+        gravity = self.tensor(loads.gravity)
+        if gravity.shape[-1:] != (3,) or gravity.dim() > 2:
+            raise SolverError(f"gravity has the shape {tuple(gravity.shape)}; it must be (3,) or {(n, 3)}, m/s²")
+        loads = loads._replace(gravity=gravity.expand(n, 3) if gravity.dim() == 1 else gravity)
         if counts := {each.shape[0] for each in loads.tensors} - {n}:
             raise SolverError(f"loads of {counts.pop()} instances, a state of {n}; each instance has a row of its own")
         results: list[_Solved] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -356,10 +357,28 @@ def test_a_full_space_and_a_state_of_another_model_are_refused() -> None:
         batched(body(), curved()).state([other])
 
 
-def test_one_gravity_is_that_of_every_instance() -> None:
+def test_a_batched_state_of_another_model_is_not_stepped() -> None:
+    stepper, pulled = batched(body(), curved()), [pulls(body(), 1)] * 2
+    for columns in (2, K):
+        state = BatchedStepper(reduced_space(body(), basis(body())[:, :columns])).rest(2)
+        words = rf"the state has \(r, k\) = \({columns}, {columns}\); this stepper has \({R}, {K}\)"
+        with pytest.raises(ValueError, match=words):
+            stepper.step(state, stepper.loads(pulled))
+
+
+@pytest.mark.parametrize("numbers", [torch.Tensor.clone, torch.Tensor.tolist, torch.Tensor.numpy])
+def test_one_gravity_is_that_of_every_instance(numbers: Callable[[Tensor], Any]) -> None:
     stepper, g = batched(body(), curved()), torch.tensor([1.0, 2.0, -9.0], dtype=torch.float64)
     for count in (2, 3):
         loads = stepper.loads([pulls(body(), 1)] * count)
-        one = march(stepper, loads._replace(gravity=g), 2)
-        each = march(stepper, loads._replace(gravity=g.repeat(count, 1)), 2)
+        one = march(stepper, loads._replace(gravity=numbers(g)), 2)
+        each = march(stepper, loads._replace(gravity=numbers(g.repeat(count, 1))), 2)
         np.testing.assert_array_equal(one.q, each.q)
+
+
+@pytest.mark.parametrize("gravity", [[1.0, 2.0], -9.8, [[0.0, -9.8]] * 2])
+def test_a_gravity_of_another_shape_is_refused(gravity: Any) -> None:
+    stepper = batched(body(), curved())
+    loads = stepper.loads([pulls(body(), 1)] * 2)._replace(gravity=gravity)
+    with pytest.raises(SolverError, match=r"gravity has the shape \(.*\); it must be \(3,\) or \(2, 3\), m/s²"):
+        stepper.step(stepper.rest(2), loads)
