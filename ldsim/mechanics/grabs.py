@@ -87,6 +87,21 @@ def whole_numbers(given: Any, name: str) -> NDArray[np.integer]:
     return numbers
 
 
+def check_within(vertices: NDArray[np.integer], count: int, name: str = "the vertices of a grab") -> None:
+    """Refuse vertices of another mesh, by a microsecond's work.
+
+    Args:
+        vertices: at least one, (v,).
+        count: of the mesh's vertices.
+
+    Raises:
+        MotionError: one is beyond the mesh.
+    """
+    least, most = vertices.item(vertices.argmin()), vertices.item(vertices.argmax())
+    if least < 0 or most >= count:
+        raise MotionError(f"{name} are from {least} to {most}; they must be from 0 to {count - 1}")
+
+
 def usual_grip(scene: Scene) -> tuple[float, float]:
     """Stiffness, N/m, and radius, m, of a grab where none are given."""
     return 0.01 * float(scene.mu.mean()) * scene.mesh.diagonal, 0.1 * scene.mesh.diagonal

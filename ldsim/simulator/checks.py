@@ -10,7 +10,7 @@ import numpy as np
 
 from ldsim.arrays import Indices
 from ldsim.errors import MotionError
-from ldsim.mechanics.grabs import Grab, whole_numbers
+from ldsim.mechanics.grabs import Grab, check_within, whole_numbers
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 
@@ -51,11 +51,9 @@ def checked_pins(pins: Sequence[MovedPins], scene: Scene) -> tuple[MovedPins, ..
 
 
 def _vertices(given: Any, scene: Scene, what: str) -> Indices:
-    vertices, n = whole_numbers(given, f"the vertices of {what}"), scene.mesh.n_vertices
-    if not 0 <= vertices.min() <= vertices.max() < n:
-        raise MotionError(
-            f"the vertices of {what} are from {vertices.min()} to {vertices.max()}; they must be from 0 to {n - 1}"
-        )
+    name = f"the vertices of {what}"
+    vertices = whole_numbers(given, name)
+    check_within(vertices, scene.mesh.n_vertices, name)
     if len(set(vertices.tolist())) < len(vertices):
         raise MotionError(f"{what} has a vertex twice")
     return vertices.astype(np.int64, copy=False)

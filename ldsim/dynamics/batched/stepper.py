@@ -19,6 +19,7 @@ from ldsim.dynamics.batched.warped import BatchedSeries, Pulled, Swing
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.state import AT_REST, ReducedState, numbers_of_a_state
 from ldsim.errors import SolverError
+from ldsim.mechanics.grabs import check_within
 from ldsim.mechanics.loads import Loads
 from ldsim.optimise.solution import Reason
 from ldsim.space.lifting import Lifting
@@ -178,7 +179,7 @@ class BatchedStepper:
         Change it with `_replace`: `loads._replace(target=…, gravity=…)`.
 
         Raises:
-            MotionError: they move pins that the space was not prepared for.
+            MotionError: they move pins that the space was not prepared for, or hold vertices beyond the mesh.
         """
         n, most = len(loads), max((len(each.grabs) for each in loads), default=0)
         U, L, rest = self.space.reduced_basis.fields, self._lifting, self.scene.mesh.vertices
@@ -191,6 +192,7 @@ class BatchedStepper:
             for j, grab in enumerate(each.grabs):
                 held = grab.vertices
                 if id(held) not in known:
+                    check_within(held, len(rest))
                     known[id(held)] = U[held].mean(axis=0), rest[held].mean(axis=0), by_vertex[held].mean(axis=0)
                 B[i, j], centre[i, j], lifted = known[id(held)]
                 centre[i, j] += lifted @ a[i]

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from ldsim.arrays import Array
 from ldsim.mechanics.elastic import add_elastic_gradient
-from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.grabs import Grab, check_within
 from ldsim.mechanics.scene import Scene
 
 
@@ -34,6 +34,9 @@ class IncrementalPotential:
         grabs: the springs that pull in this step.
         gravity: (3,) float64, m/s²; None for the scene's own.
 
+    Raises:
+        MotionError: a grab holds vertices beyond the mesh.
+
     Pinned vertices stay where `x` has them: their displacement is given, and felt by the others through V and, where
     they accelerate, through M.
     """
@@ -44,6 +47,8 @@ class IncrementalPotential:
         self._scene = scene
         self._force = scene.external_force if gravity is None else scene.force(gravity)
         self._predictor = predictor
+        for grab in grabs:
+            check_within(grab.vertices, scene.mesh.n_vertices)
         self._grabs = grabs
         self._mass: csr_array = scene.mass
 

@@ -108,7 +108,11 @@ class FullStepper:
         return FullState.moving(np.array(u, dtype=np.float64), np.array(u_previous, dtype=np.float64))
 
     def step(self, state: FullState, loads: Loads) -> tuple[FullState, Solution]:
-        """Advance by one time step; the returned state is new, the given one unchanged."""
+        """Advance by one time step; the returned state is new, the given one unchanged.
+
+        Raises:
+            MotionError: a grab holds vertices beyond the mesh.
+        """
         hessian, options, deadline = self._hessian(), self.options, time.perf_counter() + self.seconds
         u_factor, fresh, excess, midway = state.u_factor, state.fresh_iterations, state.excess, False
         if excess > options.factor_cost:

@@ -147,7 +147,7 @@ class ReducedStepper:
 
         Raises:
             ValueError: the state is of another model, which the compiled loops would not notice.
-            MotionError: the loads move pins that the space was not prepared for.
+            MotionError: the loads move pins that the space was not prepared for, or hold vertices beyond the mesh.
         """
         if state.r != self._dimensions[0] or state.k != self._dimensions[1]:
             raise ValueError(f"the state has (r, k) = {(state.r, state.k)}; this stepper has {self._dimensions}")

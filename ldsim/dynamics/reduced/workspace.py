@@ -13,7 +13,7 @@ from ldsim.dynamics.reduced.advance import StepReference, step_reference
 from ldsim.dynamics.reduced.in_series import InSeries, centres
 from ldsim.dynamics.reduced.minimiser import Minimisation
 from ldsim.dynamics.reduced.potential import Reduced, Springs, make_work
-from ldsim.mechanics.grabs import Grab
+from ldsim.mechanics.grabs import Grab, check_within
 from ldsim.space.space import Space
 
 
@@ -97,6 +97,7 @@ class Workspace:
         U, rest, count = self._space.reduced_basis.fields, self._space.scene.mesh.vertices, len(grabs)
         springs = Springs(np.zeros((count, 3, U.shape[2])), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
         for i, grab in enumerate(grabs):
+            check_within(grab.vertices, len(rest))
             springs.B[i] = U[grab.vertices].mean(axis=0)
             springs.centre[i] = rest[grab.vertices].mean(axis=0)
         return springs
