@@ -16,5 +16,7 @@ from ldsim.settings import load_settings
 def command(config: Path, runs: Path) -> None:
     settings = load_settings(config)
     click.echo(settings.dump(), nl=False)
+    if words := settings.train.without_effect():
+        click.echo(f"# {words}")
     for line in solid_of(Run(runs / settings.experiment), settings.mesh, settings.snapshot, config.parent):
         click.echo(f"# {line}")

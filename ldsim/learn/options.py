@@ -6,6 +6,24 @@ from typing import Annotated, Literal
 
 from ldsim.options import Field, Options, Positive, Seed
 
+# What a condensed space has no use for; an autoencoder has none for the section `condensed`.
+OF_AUTOENCODER = (
+    "tolerance_mm",
+    "balance",
+    "equilibrium",
+    "variational",
+    "denoising",
+    "recorded_share",
+    "epochs",
+    "batch",
+    "optimiser",
+    "schedule",
+    "learning_rate",
+    "validation_share",
+    "patience",
+    "device",
+)
+
 Width = Annotated[int, Field(ge=1, le=2000)]
 
 
@@ -105,3 +123,10 @@ class TrainOptions(Options):
     device: Annotated[
         str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="Of an autoencoder; auto takes CUDA where it is.")
     ] = "auto"
+
+    def without_effect(self) -> str:
+        """That what was given says nothing to this kind, in a line; empty where all has an effect, or is a default."""
+        fields, unread = type(self).model_fields, OF_AUTOENCODER if self.kind == "condensed" else ("condensed",)
+        given = [name for name in fields if name in unread and getattr(self, name) != fields[name].default]
+        names, have = ", ".join(f"train.{name}" for name in given), "has" if len(given) == 1 else "have"
+        return f"note: {names} {have} no effect: train.kind is {self.kind}" if given else ""

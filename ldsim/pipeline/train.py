@@ -42,6 +42,8 @@ def train(
     """
     stage, partial = run.stage("train", options), run.folder / "model.partial"
     run.require("scene", "snapshots", "basis")
+    if words := options.without_effect():
+        progress.tell(words)
     with one_thread():
         q, unseen = (all_coordinates(run.chunks(role), run.basis) for role in ("train", "validation"))
         synthetic = _synthetic(run)

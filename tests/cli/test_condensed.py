@@ -18,7 +18,7 @@ from ldsim.dynamics.simulate import simulate
 from ldsim.errors import SolverError
 from ldsim.export.arrays import model_arrays
 from ldsim.export.playback import playback
-from ldsim.learn.options import TrainOptions
+from ldsim.learn.options import OF_AUTOENCODER, TrainOptions
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline import condense, relaxed_poses, swing
 from ldsim.pipeline.comparison import Reference, run_reduced, with_errors
@@ -26,6 +26,7 @@ from ldsim.pipeline.convergence import pull_errors
 from ldsim.pipeline.coordinates import combined, slowest
 from ldsim.pipeline.cubature import TrainingPoses
 from ldsim.pipeline.progress import SILENT
+from ldsim.pipeline.train import train
 from ldsim.report.runs import displacements
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
@@ -319,6 +320,23 @@ def test_an_interrupted_relaxation_keeps_what_was_done(
     assert before is not None and after is not None
     np.testing.assert_array_equal(before.weights, after.weights)
     assert not (again.run / "model.partial").exists()
+
+
+def test_it_reads_no_setting_of_an_autoencoder_and_every_other(
+    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    options, read = TrainOptions(**CONDENSED["train"]), set[str]()
+
+    def noted(self: TrainOptions, name: str) -> Any:
+        read.add(name)
+        return object.__getattribute__(self, name)
+
+    monkeypatch.setattr(TrainOptions, "without_effect", lambda self: "")  # it looks at every setting
+    monkeypatch.setattr(TrainOptions, "__getattribute__", noted, raising=False)
+    with Run(tmp_path / "runs" / "tiny") as run:
+        train(run, options)
+    assert read & set(TrainOptions.model_fields) == set(TrainOptions.model_fields) - set(OF_AUTOENCODER)
 
 
 def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(

@@ -12,9 +12,11 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 from ldsim.artefacts.sealed_file import datasets
+from ldsim.cli.app import main
 from ldsim.learn.options import TrainOptions
 from ldsim.pipeline.train import train
 from ldsim.run import Run
@@ -53,6 +55,16 @@ def test_python_and_a_configuration_with_the_same_values_make_the_same_model(
         np.testing.assert_array_equal(run.model.decoder.layers.weights, returned.decoder.layers.weights)
     assert capfd.readouterr() == ("", "")
     assert model(experiment) == written
+
+
+def test_settings_without_effect_are_told_of(experiment: Experiment) -> None:
+    note = "train.condensed has no effect: train.kind is autoencoder"
+    for told in (False, True):
+        if told:
+            experiment.change("train.condensed", {"rounds": 1})
+        assert (f"note: {note}\n" in experiment.invoke("train").stderr) is told
+        result = CliRunner().invoke(main, ["settings", str(experiment.config)])
+        assert (f"\n# note: {note}\n" in result.stdout) is told
 
 
 def test_a_killed_training_goes_on_and_ends_as_an_undisturbed_one(experiment: Experiment) -> None:
