@@ -6,6 +6,10 @@ from __future__ import annotations
 INTERRUPTED = 130
 
 
+class StageInterrupted(KeyboardInterrupt):
+    """Ctrl+C ended a stage, which has told of it; no failure that whoever calls could go on after."""
+
+
 class LdsimError(Exception):
     """Something the user can act on; the message names the thing, what was got, what is allowed."""
 

@@ -11,7 +11,7 @@ from typing import Never
 import click
 
 from ldsim import __version__
-from ldsim.errors import INTERRUPTED, LdsimError, SettingsError
+from ldsim.errors import INTERRUPTED, LdsimError, SettingsError, StageInterrupted
 
 COMMANDS = {
     "new": "Look at a solid and write settings that fit it.",
@@ -58,8 +58,9 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            click.echo("interrupted; what was finished is kept, and the same command goes on from there", err=True)
+        except KeyboardInterrupt as error:
+            if not isinstance(error, StageInterrupted):
+                click.echo("interrupted; what was finished is kept, and the same command goes on from there", err=True)
             sys.exit(INTERRUPTED)
         except SettingsError as error:  # several faults, a line each
             _end_with(*str(error).splitlines())

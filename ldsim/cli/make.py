@@ -13,7 +13,7 @@ from ldsim.report.overview import missed
 from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings
 from ldsim.settings.enrich import BEFORE, current, learn, planned
-from ldsim.settings.make import MISSED, StageFailed, StageInterrupted, Staleness, nothing_to_do, up_to
+from ldsim.settings.make import MISSED, StageFailed, Staleness, nothing_to_do, up_to
 
 
 @on_configuration("make", "Run what is missing or stale of a configuration, from the mesh to the report.")
@@ -30,8 +30,8 @@ def command(config: Path, runs: Path, until: str, pull: bool, dry_run: bool, **a
         return
     try:
         ran = learn(*learning, until, click.echo)
-    except (StageFailed, StageInterrupted) as ended:
-        raise SystemExit(ended.status) from None
+    except StageFailed as failed:
+        raise SystemExit(failed.status) from None
     click.echo("" if ran else nothing_to_do(run, until), nl=False)
     if words := missed(run.folder, asked["error"], asked["step"]) if until == STAGES[-1] else []:
         click.echo("\n".join(words), err=True)

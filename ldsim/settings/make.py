@@ -16,7 +16,7 @@ import yaml
 
 from ldsim.artefacts.store import WRITTEN_BY, file_hash, read_header, reading
 from ldsim.dynamics.reduced import advance
-from ldsim.errors import INTERRUPTED
+from ldsim.errors import INTERRUPTED, StageInterrupted
 from ldsim.jit import are_kept
 from ldsim.options import Options
 from ldsim.pipeline.convergence import read_rounds
@@ -264,12 +264,6 @@ def ended_alike() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-class StageInterrupted(KeyboardInterrupt):
-    """Ctrl+C ended a stage, which has told of it; no failure that whoever calls could go on after."""
-
-    status = INTERRUPTED
 
 
 class StageFailed(Exception):
