@@ -77,11 +77,6 @@ def write_run(folder: Path, lost: tuple[str, str] | None = None, validation: boo
     _write_simulation(folder, U, model, fields, scene, lost)
 
 
-def finished_run(folder: Path) -> Run:
-    """The run in a folder, to be opened for a report."""
-    return Run(folder, NAME)
-
-
 def changed(run: Run, kind: str, value: object = None, settings: str = "", **notes: str | float | int) -> Run:
     """The same run with another content, or other settings or notes in the header, of one artefact."""
     old, header = getattr(run, {"basis": "pca"}.get(kind, kind)), run.header(kind)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib
@@ -20,9 +18,8 @@ from ldsim.report.numbers import collect, pooled_seconds
 from ldsim.report.options import ReportOptions
 from ldsim.report.svg import INK, PALETTE, drawn
 from ldsim.report.wording import plain_number
-from ldsim.run import Run
 from ldsim.space.novelty import Novelty
-from tests.report.small_run import FRAMES, K, R, changed, finished_run
+from tests.report.small_run import FRAMES, K, R, changed
 
 SVG = "{http://www.w3.org/2000/svg}"
 LONG = np.arange(1.0, 20001.0)
@@ -123,12 +120,6 @@ def test_a_legend_names_each_name_once():
 # The figures of a run
 
 
-@pytest.fixture(scope="module")
-def run(folder: Path) -> Iterator[Run]:
-    with finished_run(folder) as opened:
-        yield opened
-
-
 def test_every_number_of_a_figure_survives_json(run):
     for figure in draw_figures(run, 0.06).values():
         assert json.loads(json.dumps(figure.record(), allow_nan=False))["title"] == figure.title
@@ -173,12 +164,11 @@ def test_the_error_over_time_is_that_of_the_run_and_grabs_are_shaded(run):
 def test_the_novelty_stands_beside_the_true_error(run):
     score = np.linspace(1.5, 0.5, FRAMES["push"])
     latent = run.simulation["latent"] | {"push": replace(run.simulation["latent"]["push"], novelty=score)}
-    novelty = Novelty(np.zeros((1, R)), 1.0, 1.25)
-    with Run(run.folder, run.experiment) as other:
-        changed(other, "simulation", run.simulation | {"latent": latent})
-        changed(other, "model", replace(run.model, novelty=novelty))
-        figures = draw_figures(other, 0.06)
-        numbers = collect(other, ReportOptions(), {"seconds": 0.0, "peak_memory_mb": 0.0}).simulate.latent[1].novelty
+    assert "novelty_push" not in draw_figures(run, 0.06)
+    changed(run, "simulation", run.simulation | {"latent": latent})
+    changed(run, "model", replace(run.model, novelty=Novelty(np.zeros((1, R)), 1.0, 1.25)))
+    figures = draw_figures(run, 0.06)
+    numbers = collect(run, ReportOptions(), {"seconds": 0.0, "peak_memory_mb": 0.0}).simulate.latent[1].novelty
     assert [name for name in figures if name.startswith("novelty")] == ["novelty_push"]
     figure = figures["novelty_push"]
     series = {one.name: one for one in figure.series}
@@ -190,25 +180,23 @@ def test_the_novelty_stands_beside_the_true_error(run):
     assert f"(rank correlation: memory {clock:.2f}, time alone {clock:.2f})" in figure.x.label
     assert numbers.rank_correlation_remembered == numbers.rank_correlation_time == pytest.approx(clock)
     assert numbers.rank_correlation == pytest.approx(-clock)
-    assert "novelty_push" not in draw_figures(run, 0.06)
 
 
 def test_the_fit_of_a_condensed_space_is_not_told_in_epochs_and_its_second_curve_is_the_force_error(run):
+    assert [one.name for one in training_history(run).series] == ["training", "validation"]
     columns = np.zeros((3 * run.scene.mesh.n_vertices, K))
-    with Run(run.folder, run.experiment) as other:
-        figure = training_history(changed(other, "model", replace(run.model, columns=columns)))
+    figure = training_history(changed(run, "model", replace(run.model, columns=columns)))
     assert figure.x.label == "share of the steps, %" and "force error" in figure.y.label
     fit, force = figure.series
     assert force.name == "force, poses kept back"
     np.testing.assert_allclose(fit.x, 100 * np.arange(1, 9) / 8)
     np.testing.assert_allclose([fit.y, force.y], run.model.loss.T, rtol=1e-6)
-    assert [one.name for one in training_history(run).series] == ["training", "validation"]
 
 
 def test_a_figure_in_which_nothing_can_be_drawn_is_left_out(run):
-    with Run(run.folder, run.experiment) as other:
-        figures = draw_figures(changed(other, "model", replace(run.model, loss=np.zeros((8, 2)))), 0.06)
-    assert set(figures) == set(draw_figures(run, 0.06)) - {"training"}
+    whole = draw_figures(run, 0.06)
+    figures = draw_figures(changed(run, "model", replace(run.model, loss=np.zeros((8, 2)))), 0.06)
+    assert set(figures) == set(whole) - {"training"}
 
 
 @pytest.mark.parametrize(

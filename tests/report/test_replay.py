@@ -19,12 +19,12 @@ from ldsim.report import replay as replay_module
 from ldsim.report.replay import Replay, _step_words, make_replay, quantised
 from ldsim.report.runs import reduced_runs
 from ldsim.run import Run
-from tests.report.small_run import FRAMES, LOST_FROM, changed, finished_run
+from tests.report.small_run import FRAMES, LOST_FROM, changed
 
 
 @pytest.fixture(scope="module")
 def run(lost_folder: Path) -> Iterator[Run]:
-    with finished_run(lost_folder) as opened:
+    with Run.open(lost_folder) as opened:
         yield opened
 
 

@@ -29,7 +29,7 @@ from ldsim.report.wording import readable
 from ldsim.run import REDUCED, SPACES, Run
 from ldsim.space.novelty import Novelty
 from tests.report.example_report import example_report
-from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, finished_run, write_run
+from tests.report.small_run import FRAMES, FULL_FRAMES, LOST_FROM, NAME, ROLES, K, R, changed, write_run
 
 COST = {"seconds": 12.5, "peak_memory_mb": 345.5}
 NO_PICTURES = ReportOptions(pictures=False)
@@ -44,7 +44,7 @@ def built(run: Run, options: ReportOptions = NO_PICTURES) -> Report:
 
 @pytest.fixture(scope="module")
 def numbers(folder: Path) -> dict[str, Any]:
-    with finished_run(folder) as run:
+    with Run.open(folder) as run:
         return built(run).numbers.model_dump()
 
 
@@ -82,10 +82,9 @@ def test_the_subject_is_the_scene_and_the_model(numbers):
 
 @pytest.mark.parametrize("role", ["train", "validation"])
 @pytest.mark.parametrize(("method", "dimension"), [("pca_r", "r"), ("pca_kp", "kp"), ("pca_k", "k")])
-def test_pca_errors_are_those_of_projecting_every_frame(folder, numbers, role, method, dimension):
+def test_pca_errors_are_those_of_projecting_every_frame(folder, run, numbers, role, method, dimension):
     (U,) = raw(folder, "basis", "U")
-    with finished_run(folder) as run:
-        M = np.kron(run.scene.mass.toarray(), np.eye(3))
+    M = np.kron(run.scene.mass.toarray(), np.eye(3))
     u = rows(folder, role)
     V = U[:, : numbers["dims"][dimension]]
     distances = distances_mm(u.reshape(len(u), -1) @ M @ V @ V.T, u)
@@ -102,7 +101,7 @@ def test_a_decoder_of_r_modes_errs_as_pca_with_r_modes(numbers, role):
 
 def test_without_held_out_motions_there_are_no_held_out_errors(tmp_path):
     write_run(tmp_path, validation=False)
-    with finished_run(tmp_path) as run:
+    with Run.open(tmp_path) as run:
         report = built(run)
     assert report.numbers.reconstruction.validation is None
     assert check_report(report.numbers.model_dump()) == []
@@ -196,9 +195,8 @@ def test_every_stage_has_its_cost(numbers):
     assert numbers["stages"]["report"] == COST
 
 
-def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder):
-    with finished_run(lost_folder) as run:
-        report = built(run)
+def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost):
+    report = built(lost)
     numbers = report.numbers.model_dump()
     found = entry(numbers, "linear", "push")
     assert check_report(numbers) == []
@@ -208,29 +206,26 @@ def test_a_diverged_run_is_shown_with_what_it_did_and_without_errors(lost_folder
     assert not entry(numbers, "latent", "push")["diverged"]
     assert report.page.count('class="bad"') == 1
     assert report.page.count("linear run of motion push diverged") == 1
-    (seconds,) = raw(lost_folder, "simulation", "runs/linear/push/seconds")
+    (seconds,) = raw(lost.folder, "simulation", "runs/linear/push/seconds")
     assert found["median_step_ms"] == pytest.approx(1000 * np.median(seconds[: LOST_FROM + 1]))
 
 
-def test_a_diverged_run_has_no_part_in_the_speedup(lost_folder):
-    slow, fast = raw(lost_folder, "simulation", "runs/linear/pull_1/seconds", "runs/latent/pull_1/seconds")
-    with finished_run(lost_folder) as run:
-        speedup = collect(run, ReportOptions(), COST).speedup
+def test_a_diverged_run_has_no_part_in_the_speedup(lost):
+    slow, fast = raw(lost.folder, "simulation", "runs/linear/pull_1/seconds", "runs/latent/pull_1/seconds")
+    speedup = collect(lost, ReportOptions(), COST).speedup
     assert speedup.latent_over_linear_kp == pytest.approx(np.median(slow) / np.median(fast))
 
 
-def test_a_space_that_ran_nothing_leaves_nulls(folder):
-    with finished_run(folder) as run:
-        numbers = collect(changed(run, "simulation", {"latent": run.simulation["latent"]}), ReportOptions(), COST)
+def test_a_space_that_ran_nothing_leaves_nulls(run):
+    numbers = collect(changed(run, "simulation", {"latent": run.simulation["latent"]}), ReportOptions(), COST)
     assert numbers.simulate.full == numbers.simulate.linear == []
     ratios = [value for name, value in numbers.speedup.model_dump().items() if name.startswith("latent_over")]
     assert ratios == [None, None, None]
     assert check_report(numbers.model_dump()) == []
 
 
-def test_the_page_shows_every_motion_and_has_a_figure_of_each(folder):
-    with finished_run(folder) as run:
-        report = built(run)
+def test_the_page_shows_every_motion_and_has_a_figure_of_each(run):
+    report = built(run)
     curves = [f"online_error_{motion}" for motion in MOTIONS]
     assert set(report.figures) == {
         "error_against_k",
@@ -247,9 +242,8 @@ def test_the_page_shows_every_motion_and_has_a_figure_of_each(folder):
     assert report.page.count('<div class="plot">') == len(report.figures)
 
 
-def test_a_run_without_fault_gives_no_warnings(folder):
-    with finished_run(folder) as run:
-        warnings = warnings_of(run)
+def test_a_run_without_fault_gives_no_warnings(run):
+    warnings = warnings_of(run)
     assert not [text for text in warnings if "validation" not in text and "nothing was fitted to" not in text]
 
 
@@ -261,53 +255,48 @@ def warnings_of(run: Run) -> list[str]:
     return [text.split("</li>")[0] for text in part.split("<li>")[1:]]
 
 
-def test_steps_that_stopped_early_are_counted(folder):
-    with finished_run(folder) as run:
-        latent = run.simulation["latent"]
-        reason = latent["push"].reason.copy()
-        reason[[1, 4, 5]] = Reason.NO_DECREASE, Reason.ITERATIONS_SPENT, Reason.NO_DECREASE
-        runs = {**run.simulation, "latent": {**latent, "push": replace(latent["push"], reason=reason)}}
-        found = [text for text in warnings_of(changed(run, "simulation", runs)) if "converge" in text]
+def test_steps_that_stopped_early_are_counted(run):
+    latent = run.simulation["latent"]
+    reason = latent["push"].reason.copy()
+    reason[[1, 4, 5]] = Reason.NO_DECREASE, Reason.ITERATIONS_SPENT, Reason.NO_DECREASE
+    runs = {**run.simulation, "latent": {**latent, "push": replace(latent["push"], reason=reason)}}
+    found = [text for text in warnings_of(changed(run, "simulation", runs)) if "converge" in text]
     assert found == [
         "In the latent run of motion push, 3 of 11 steps did not converge (the line search found no decrease)."
     ]
 
 
 @pytest.mark.parametrize("error, told", [(0.05, []), (0.2, ["In the latent run of motion push, 2 of 11 frames"])])
-def test_frames_far_from_what_was_learned_are_told_where_the_motion_is_missed_too(folder, error, told):
-    with finished_run(folder) as run:
-        latent = run.simulation["latent"]
-        push = latent["push"]
-        scores = np.where(np.arange(len(push.seconds)) < 2, 3.0, 0.5)
-        push = replace(push, novelty=scores, mean_error=error * push.mean_displacement)
-        run = changed(run, "simulation", {**run.simulation, "latent": {**latent, "push": push}})
-        run = changed(run, "model", replace(run.model, novelty=Novelty(np.zeros((1, R)), 1.0, 2.0)))
-        found = [text for text in warnings_of(run) if "far from the training motions" in text]
+def test_frames_far_from_what_was_learned_are_told_where_the_motion_is_missed_too(run, error, told):
+    latent = run.simulation["latent"]
+    push = latent["push"]
+    scores = np.where(np.arange(len(push.seconds)) < 2, 3.0, 0.5)
+    push = replace(push, novelty=scores, mean_error=error * push.mean_displacement)
+    run = changed(run, "simulation", {**run.simulation, "latent": {**latent, "push": push}})
+    run = changed(run, "model", replace(run.model, novelty=Novelty(np.zeros((1, R)), 1.0, 2.0)))
+    found = [text for text in warnings_of(run) if "far from the training motions" in text]
     assert [text[: text.index(" are far")] for text in found] == told
 
 
-def test_missed_tolerances_are_named(folder):
-    with finished_run(folder) as run:
-        strict = changed(run, "cubature", settings="tolerance: 0.01")
-        found = warnings_of(changed(strict, "model", settings="tolerance_mm: 0.5", met=0))
+def test_missed_tolerances_are_named(run):
+    strict = changed(run, "cubature", settings="tolerance: 0.01")
+    found = warnings_of(changed(strict, "model", settings="tolerance_mm: 0.5", met=0))
     assert sum("0.01 was asked for" in text for text in found) == 2
     assert sum("0.5 mm were asked for (train.tolerance_mm)" in text for text in found) == 1
 
 
-def test_the_animation_is_in_real_time_however_short_the_steps(folder, monkeypatch):
-    with finished_run(folder) as run:
-        h = run.scene.time_step
-        monkeypatch.setattr(pictures_module, "ANIMATION_RATE", 1 / (3 * h))
-        (stride,) = set(np.diff(pictures_module._stretch(run, "push")))
+def test_the_animation_is_in_real_time_however_short_the_steps(run, monkeypatch):
+    h = run.scene.time_step
+    monkeypatch.setattr(pictures_module, "ANIMATION_RATE", 1 / (3 * h))
+    (stride,) = set(np.diff(pictures_module._stretch(run, "push")))
     assert stride == 3
 
 
-def test_the_animation_is_of_the_motion_that_judges(folder, monkeypatch):
+def test_the_animation_is_of_the_motion_that_judges(run, monkeypatch):
     monkeypatch.setattr(pictures_module, "FEWEST_FRAMES", 2)
     monkeypatch.setattr(pictures_module, "ANIMATION_RATE", 1e4)
-    with finished_run(folder) as run:
-        report = built(run, ReportOptions())
-        assert int(np.argmax(mean_displacement(run, "push"))) < FRAMES["push"]
+    report = built(run, ReportOptions())
+    assert int(np.argmax(mean_displacement(run, "push"))) < FRAMES["push"]
     assert report.picture.file == "push.webp" and report.picture.caption in report.page
     animated = Image.open(BytesIO(report.picture.data))
     assert getattr(animated, "n_frames", 1) == FRAMES["push"]
@@ -322,10 +311,9 @@ def test_a_verdict_is_the_worst_motion_of_the_role_that_judges(numbers):
     assert f"within {readable(100 * worst)} % " in numbers["verdict"]["why"]
 
 
-def test_verdict_and_headline_tell_one_number(folder, numbers):
+def test_verdict_and_headline_tell_one_number(run, numbers):
     """Not in the same space as latent by chance: the chosen space is another one too."""
-    with finished_run(folder) as run:
-        linear = built(changed(run, "simulation", space="linear")).numbers
+    linear = built(changed(run, "simulation", space="linear")).numbers
     for found in (RunNumbers.model_validate(numbers), linear):
         ratio, run = found.speedup.chosen_over_full, found.headline()
         assert run is not None and run.space == found.space and run.motion == "push"
@@ -336,33 +324,30 @@ def test_verdict_and_headline_tell_one_number(folder, numbers):
     assert linear.speedup.chosen_over_full != numbers["speedup"]["latent_over_full"]
 
 
-def test_a_space_that_was_asked_for_is_not_called_the_fastest(folder):
-    with finished_run(folder) as run:
-        assert "Chosen as the fastest within" in advice(run)[0]
-        asked = changed(run, "simulation", settings=SimulateOptions(space="linear").dump(), space="linear")
-        assert advice(asked)[0].startswith("As simulate.space says, used is the linear space")
-        assert "Chosen" not in advice(asked)[0]
+def test_a_space_that_was_asked_for_is_not_called_the_fastest(run):
+    assert "Chosen as the fastest within" in advice(run)[0]
+    asked = changed(run, "simulation", settings=SimulateOptions(space="linear").dump(), space="linear")
+    assert advice(asked)[0].startswith("As simulate.space says, used is the linear space")
+    assert "Chosen" not in advice(asked)[0]
 
 
-def test_where_every_space_diverged_none_is_to_be_used(folder):
-    with finished_run(folder) as run:
-        lost = {
-            space: {name: replace(each, reason=0 * each.reason + Reason.INFINITE_START) for name, each in own.items()}
-            for space, own in run.simulation.items()
-        }
-        asked = SimulateOptions(space="linear").dump()
-        for settings in ("", asked):
-            (said,) = advice(changed(run, "simulation", lost, settings, space="linear" if settings else "latent"))
-            assert said == "Every space diverged on the validation motions, so none is to be used."
+def test_where_every_space_diverged_none_is_to_be_used(run):
+    lost = {
+        space: {name: replace(each, reason=0 * each.reason + Reason.INFINITE_START) for name, each in own.items()}
+        for space, own in run.simulation.items()
+    }
+    asked = SimulateOptions(space="linear").dump()
+    for settings in ("", asked):
+        (said,) = advice(changed(run, "simulation", lost, settings, space="linear" if settings else "latent"))
+        assert said == "Every space diverged on the validation motions, so none is to be used."
 
 
 @pytest.mark.parametrize(("space", "named"), [("latent", False), ("linear", True)])
-def test_the_statement_is_of_the_latent_space_and_says_so_where_another_is_used(folder, monkeypatch, space, named):
+def test_the_statement_is_of_the_latent_space_and_says_so_where_another_is_used(run, monkeypatch, space, named):
     fresh = {name: np.linspace(0.01, 0.04, 59) for name in REDUCED}
     monkeypatch.setattr(Run, "fresh_errors", fresh)
     options = SimulateOptions(space=space, statement=StatementOptions(pulls=PullOptions(count=1, reach=0.1)))
-    with finished_run(folder) as run:
-        found = collect(changed(run, "simulation", settings=options.dump(), space=space), ReportOptions(), COST)
+    found = collect(changed(run, "simulation", settings=options.dump(), space=space), ReportOptions(), COST)
     assert ("4 % of the full space in the latent space (" in found.statement.sentence) == named
     assert ("4 % of the full space (" in found.statement.sentence) != named
 
@@ -429,9 +414,8 @@ def test_too_many_lost_fresh_motions_are_a_verdict_too():
     assert found.why == f"the latent space of 10 numbers was lost in 7 of {motions} fresh motions."
 
 
-def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
-    with finished_run(folder) as run:
-        report = built(run, ReportOptions())
+def test_a_folder_is_replaced_whole_and_the_page_comes_last(run, tmp_path):
+    report = built(run, ReportOptions())
     target = tmp_path / "report"
     target.mkdir()
     (target / "old").write_text("stale")
@@ -448,10 +432,9 @@ def test_a_folder_is_replaced_whole_and_the_page_comes_last(folder, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
-def test_numbers_that_are_not_finite_become_null(folder):
-    with finished_run(folder) as run:
-        errors = np.array([[np.nan, np.inf], [np.nan, np.nan]])
-        numbers = collect(changed(run, "model", replace(run.model, errors=errors)), ReportOptions(), COST).model_dump()
+def test_numbers_that_are_not_finite_become_null(run):
+    errors = np.array([[np.nan, np.inf], [np.nan, np.nan]])
+    numbers = collect(changed(run, "model", replace(run.model, errors=errors)), ReportOptions(), COST).model_dump()
     assert numbers["reconstruction"]["train"]["autoencoder"] == {"max_mm": None, "mean_mm": None}
     assert not any(isinstance(value, float) and not math.isfinite(value) for value in leaves(numbers))
 

@@ -16,8 +16,9 @@ from ldsim.report.replay import make_replay
 from ldsim.report.runs import reduced_runs
 from ldsim.report.schema import RunNumbers
 from ldsim.report.svg import drawn
+from ldsim.run import Run
 from tests.report.example_report import example_report
-from tests.report.small_run import FRAMES, LOST_FROM, finished_run
+from tests.report.small_run import FRAMES, LOST_FROM
 from tests.viewer.browser import CHROMIUM, Tab, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
@@ -29,7 +30,7 @@ PLOT = "document.querySelector('#hold .plot').plot"  # of error_against_k, the f
 
 @pytest.fixture(scope="module")
 def page(lost_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with finished_run(lost_folder) as run:
+    with Run.open(lost_folder) as run:
         figures = {name: (figure, drawn(figure)) for name, figure in draw_figures(run, 0.06).items()}
         text = render_page(RunNumbers.model_validate(example_report()), figures, None, make_replay(run))
     path = tmp_path_factory.mktemp("page") / "report.html"
@@ -86,37 +87,34 @@ def test_the_page_loads_without_complaint_and_asks_for_nothing_but_itself(opened
 
 
 @pytest.mark.parametrize("space", ["full", "linear", "latent"])
-def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, lost_folder: Path, space: str) -> None:
+def test_the_replay_moves_the_surface_as_the_run_did(opened: Tab, lost: Run, space: str) -> None:
     opened.evaluate(f"{REPLAY}.choose(1)")
     seen = opened.evaluate(
         f"(() => {{ const r = {REPLAY}, shown = r.motion.spaces.find((one) => one.space === {space!r}); "
         "r.decode(shown, 7); return Array.from(r.surface.positions); })()"
     )
-    with finished_run(lost_folder) as run:
-        if space == "full":
-            u = run.snapshots.reader("pull_1")(7, 8)[0].astype(np.float64)
-        else:
-            q = reduced_runs(run, "pull_1")[space].coordinates[7]
-            u = (run.basis.matrix[:, : len(q)] @ q).reshape(-1, 3)
-        mesh = run.scene.mesh
+    if space == "full":
+        u = lost.snapshots.reader("pull_1")(7, 8)[0].astype(np.float64)
+    else:
+        q = reduced_runs(lost, "pull_1")[space].coordinates[7]
+        u = (lost.basis.matrix[:, : len(q)] @ q).reshape(-1, 3)
+    mesh = lost.scene.mesh
     surface = surface_vertices(mesh)
     assert np.abs(u).max() > 0.01 * mesh.diagonal
     np.testing.assert_allclose(np.reshape(seen, (-1, 3)), (mesh.vertices + u)[surface], atol=1e-3 * mesh.diagonal)
 
 
-def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Tab, lost_folder: Path) -> None:
+def test_scrubbing_shows_a_frame_with_its_time_and_the_runs_own_error(opened: Tab, lost: Run) -> None:
     set_to(opened, ".scrub", 3, "input")
-    with finished_run(lost_folder) as run:
-        error = 1000 * reduced_runs(run, "push")["latent"].mean_error[3]
-        seconds = 4 * run.scene.time_step
+    error = 1000 * reduced_runs(lost, "push")["latent"].mean_error[3]
+    seconds = 4 * lost.scene.time_step
     assert opened.evaluate("document.querySelector('.time').textContent") == f"{seconds:.2f} s"
     told = opened.evaluate("document.querySelector('.panel.latent span').textContent")
     assert float(told.split(" mm")[0]) == pytest.approx(error, rel=5e-3)
 
 
-def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, lost_folder: Path) -> None:
-    with finished_run(lost_folder) as run:
-        seconds = LOST_FROM * run.scene.time_step
+def test_a_lost_space_says_when_and_is_no_longer_drawn(opened: Tab, lost: Run) -> None:
+    seconds = LOST_FROM * lost.scene.time_step
     opened.evaluate(f"{REPLAY}.show({LOST_FROM - 1})")
     assert "mm from full space" in opened.evaluate("document.querySelector('.panel.linear span').textContent")
     # one call, so that no picture of the page's own comes between
@@ -161,18 +159,16 @@ def test_the_view_turns_by_mouse_finger_and_keys_and_zooms_by_two_fingers(opened
     assert opened.evaluate(view)[2] == pytest.approx(2, rel=0.05)
 
 
-def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, lost_folder: Path) -> None:
+def test_a_figure_gives_back_the_values_that_were_plotted(opened: Tab, lost: Run) -> None:
     read = opened.evaluate(
         f"{PLOT}.curves.map(({{ name, scales: [X, Y], points }}) => "
         "[name, points.map(([x, y]) => [X.value(X.place(x)), Y.value(Y.place(y))])])"
     )
-    with finished_run(lost_folder) as run:
-        stored = run.pca
     true = {
-        "max, training": stored.max_error,
-        "mean, training": stored.mean_error,
-        "max, validation": stored.validation_max_error,
-        "mean, validation": stored.validation_mean_error,
+        "max, training": lost.pca.max_error,
+        "mean, training": lost.pca.mean_error,
+        "max, validation": lost.pca.validation_max_error,
+        "mean, validation": lost.pca.validation_mean_error,
     }
     assert {name for name, _ in read} == set(true)
     for name, points in read:
@@ -191,12 +187,11 @@ def place_of(tab: Tab, curve: int, index: int) -> tuple[float, float]:
     return x, y
 
 
-def test_hovering_says_the_nearest_points_values(opened: Tab, lost_folder: Path) -> None:
+def test_hovering_says_the_nearest_points_values(opened: Tab, lost: Run) -> None:
     x, y = place_of(opened, 0, 2)
     opened.mouse("mouseMoved", (x + 3, y - 2))
     told = opened.evaluate(f"{PLOT}.told.innerText").splitlines()
-    with finished_run(lost_folder) as run:
-        error = 1000 * run.pca.max_error[2]
+    error = 1000 * lost.pca.max_error[2]
     assert [line.strip() for line in told[:2]] == ["max, training", "number of PCA modes: 2"]
     label, value = told[2].strip().split(": ")
     assert label == "vertex distance, mm" and float(value) == pytest.approx(error, rel=1e-3)
@@ -250,6 +245,13 @@ def test_no_table_of_a_wide_page_has_to_be_shifted(tab: Tab, page: Path) -> None
     assert show(tab, page, 1050, 800).evaluate(wider) == 0  # with longer names it is the width of 1280
 
 
+def page_of(figure: Figure, folder: Path) -> Path:
+    """A report whose first figure it is."""
+    file, figures = folder / "a.html", {"error_against_k": (figure, drawn(figure))}
+    file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
+    return file
+
+
 def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) -> None:
     """Lines that cross near the right end and at the top, as those of the spaces do."""
     line = curve("error", "linear", np.arange(41), np.geomspace(100, 0.01, 41))
@@ -257,10 +259,7 @@ def test_words_in_a_figure_keep_apart_and_within_it(tab: Tab, tmp_path: Path) ->
     figure = Figure(
         "Errors", Axis("modes"), Axis("mm", log=True), (line,), guides=(*guides, Guide(100, "top")), height=3.5
     )
-    file = tmp_path / "a.html"
-    figures = {"error_against_k": (figure, drawn(figure))}
-    file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
-    *boxes, whole = show(tab, file, 1280, 800).evaluate(
+    *boxes, whole = show(tab, page_of(figure, tmp_path), 1280, 800).evaluate(
         "[...document.querySelectorAll('#hold .plot .guide text'), document.querySelector('#hold .plot svg[role=img]')]"
         ".map((e) => e.getBoundingClientRect()).map(({ left, top, right, bottom }) => [left, top, right, bottom])"
     )
@@ -282,10 +281,7 @@ def test_words_in_a_figure_keep_off_its_curves(tab: Tab, tmp_path: Path) -> None
     x = np.linspace(0, 1, 101)
     peak = curve("error", "linear", x, 0.2 + 0.8 * np.exp(-(((x - 0.9) / 0.02) ** 2)))
     figure = Figure("Errors", Axis("s"), Axis("mm", zero=True), (peak,), guides=(Guide(1.0, "warned of above 1"),))
-    file = tmp_path / "a.html"
-    figures = {"error_against_k": (figure, drawn(figure))}
-    file.write_text(render_page(RunNumbers.model_validate(example_report()), figures, None), encoding="utf-8")
-    crossed = show(tab, file, 1280, 800).evaluate(
+    crossed = show(tab, page_of(figure, tmp_path), 1280, 800).evaluate(
         """(() => {
           const words = document.querySelector('#hold .plot .guide text').getBoundingClientRect();
           const path = document.querySelector('#hold .plot svg[role=img] .curve'), to = path.getScreenCTM();
