@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from ldsim.cubature.methods import fit
 from ldsim.cubature.options import CubatureOptions, FitOptions, TermOptions
@@ -92,13 +91,6 @@ def test_the_best_rule_is_the_smallest_of_the_path_that_meets_the_tolerance(name
     assert all(rule.training_error > tolerance for rule in found.rules[:-1])
 
 
-def test_scipys_nnls_finds_the_same_weights_on_the_points_chosen(name: str) -> None:
-    forces, best = forces_of(name), fitted(name, 0.0).best
-    multipliers, residual = nnls(forces.columns(best.points), forces.target)
-    assert np.allclose(multipliers * forces.point_weights[best.points], best.weights, rtol=1e-6)
-    assert residual / np.linalg.norm(forces.target) == pytest.approx(best.training_error, rel=1e-8)
-
-
 def test_a_heavy_volume_row_makes_the_weights_sum_to_the_volume(name: str) -> None:
     volume = forces_of(name).point_weights.sum()
     free, bound = fitted(name, 0.0).best.weights.sum(), fitted(name, 10.0).best.weights.sum()
@@ -109,17 +101,6 @@ def test_held_out_poses_are_integrated_nearly_as_well() -> None:
     p = PROBLEMS["linear tet4"]()
     held_out = p.forces(p.held_out)
     assert relative_error(held_out, fitted("linear tet4").best) < 3 * TOLERANCE
-
-
-def test_an_exact_small_set_is_found_where_all_points_are_copies_of_a_few() -> None:
-    rng = np.random.default_rng(0)
-    few = rng.standard_normal((60, 7))
-    origin = rng.permutation(np.repeat(np.arange(7), 30))
-    copies = few[:, origin] * rng.uniform(0.5, 2.0, len(origin))
-    problem = GivenColumns(copies, rng.uniform(1.0, 2.0, len(origin)))
-    found = fit_to(problem, 1e-6, 50, 0.0)
-    assert found.meets(1e-6)
-    assert sorted(origin[found.best.points]) == list(range(7))
 
 
 def test_a_greedy_choice_that_a_pair_makes_superfluous_is_taken_out_again() -> None:

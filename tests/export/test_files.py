@@ -125,13 +125,6 @@ def test_a_surface_sequence_gives_back_the_deformed_boundary(run: Run, tmp_path:
         np.testing.assert_array_equal(read.cells_dict["triangle"], surface.triangles)
 
 
-def test_the_surface_is_closed_and_faces_outward(run: Run) -> None:
-    surface = Surface.of(run.scene.mesh)
-    corners = run.scene.mesh.vertices[surface.vertices][surface.triangles]
-    volume = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
-    assert volume == pytest.approx(run.scene.points.weights.sum())
-
-
 def test_safetensors_gives_back_every_array_aligned(run: Run, tmp_path: Path) -> None:
     numpy_reader = pytest.importorskip("safetensors.numpy")
     write_safetensors(run, tmp_path / "model.safetensors")

@@ -154,17 +154,6 @@ def drag(start: int, frames: int, seed: int = 0, **changes: object) -> Drag:
     return Drag(start, rng.normal(size=3), rng.normal(size=(frames, 3)), **given)  # type: ignore[arg-type]
 
 
-def test_a_motion_that_is_written_is_read_back_to_the_last_bit(tmp_path: Path) -> None:
-    motion = Motion("m", 12, (drag(1, 3), drag(5, 6, 1)))
-    write_recording(tmp_path / "m.csv", motion, {"recorded_on": "beam.mesh"})
-    back = read_recording(tmp_path / "m.csv", "m")
-    assert back.frames == 12
-    for given, read in zip(motion.drags, back.drags, strict=True):
-        assert (read.start, read.stiffness, read.radius) == (given.start, given.stiffness, given.radius)
-        np.testing.assert_array_equal(read.point, given.point)
-        np.testing.assert_array_equal(read.targets, given.targets)
-
-
 @pytest.mark.parametrize(
     "second", [drag(3, 2), drag(4, 2), drag(6, 2, radius=0.1), drag(6, 2, stiffness=9.0), drag(6, 2, at_rest=True)]
 )

@@ -16,7 +16,6 @@ from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.simulate import simulate
 from ldsim.dynamics.trajectory import Trajectory
-from ldsim.errors import MotionError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.motion import Drag, Motion, Support
 from ldsim.mechanics.scene import Scene, properties_of, with_properties
@@ -117,13 +116,6 @@ def test_a_space_that_holds_every_motion_relative_to_pins_that_move_has_no_error
     assert reference.frames is not None
     moved = np.linalg.norm(reference.frames(0, 14).astype(float), axis=2).mean(axis=1)
     np.testing.assert_allclose(linear.mean_displacement, moved)
-
-
-def test_pins_that_a_stepper_was_not_prepared_for_are_refused() -> None:
-    support = Support(np.flatnonzero(BODY.pinned), np.tile(np.eye(3, 4), (2, 1, 1)))
-    twist = Motion("twist", 2, supports=(support,))
-    with pytest.raises(MotionError, match="pins move; the linear space has no lifting for them"):
-        run_reduced(ReducedStepper(whole(basis(4))), Reference(twist, {}, None))
 
 
 class LosesTheThirdStep(ReducedStepper):
