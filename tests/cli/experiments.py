@@ -95,7 +95,7 @@ class Experiment:
         self.configure(content)
 
     def invoke(self, command: str, *flags: str) -> Result:
-        return CliRunner().invoke(main, [command, str(self.config), "--runs", str(self.folder / "runs"), *flags])
+        return invoked(command, str(self.config), "--runs", str(self.folder / "runs"), *flags)
 
     def finished(self) -> dict[str, str]:
         """Every finished file of the run with the hash of what it holds."""
@@ -105,6 +105,11 @@ class Experiment:
         for path in sorted(self.run.rglob("*")):
             if path.is_file() and not any(part.endswith(".partial") for part in path.parts):
                 yield path
+
+
+def invoked(*words: str) -> Result:
+    """What the command `ldsim` with these words does."""
+    return CliRunner().invoke(main, words)
 
 
 def refused(result: Result) -> str:

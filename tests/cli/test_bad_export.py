@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from ldsim.cli.app import main
-from tests.cli.experiments import Experiment, refused
+from tests.cli.experiments import Experiment, invoked, refused
 from tests.cli.spoiled import ARTEFACTS
 
 EXPORTS: dict[str, tuple[list[str], str]] = {
@@ -35,7 +33,7 @@ def test_an_export_that_does_not_suit(experiment: Experiment, case: str) -> None
     if "usd" in options:
         pytest.importorskip("pxr", reason="usd-core is not installed: pip install 'ldsim[usd]'")
     before = experiment.finished()
-    message = refused(CliRunner().invoke(main, ["export", str(experiment.run), *options]))
+    message = refused(invoked("export", str(experiment.run), *options))
     assert words in message
     assert experiment.finished() == before
 
@@ -50,7 +48,7 @@ def test_an_export_that_does_not_suit(experiment: Experiment, case: str) -> None
     ],
 )
 def test_a_look_that_is_none(option: str, value: str, words: str) -> None:
-    result = CliRunner().invoke(main, ["export", "nowhere", "--format", "webp", option, value])
+    result = invoked("export", "nowhere", "--format", "webp", option, value)
     assert result.exit_code == 2 and words in result.output
 
 
@@ -62,7 +60,7 @@ def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, ca
     spoil, words = ARTEFACTS[case]
     spoil(experiment.run / file)
     before = experiment.finished()
-    message = refused(CliRunner().invoke(main, ["export", str(experiment.run), "--playground"]))
+    message = refused(invoked("export", str(experiment.run), "--playground"))
     assert file in message
     assert any(word in message for word in words), message
     assert experiment.finished() == before
@@ -71,10 +69,10 @@ def test_a_bad_artefact_of_a_run_to_export(experiment: Experiment, file: str, ca
 def test_a_model_is_exported_without_the_motions_that_it_was_made_from(experiment: Experiment) -> None:
     (experiment.run / "snapshots.h5").unlink()
     for options in (["--playground"], ["--format", "npz"]):
-        result = CliRunner().invoke(main, ["export", str(experiment.run), *options])
+        result = invoked("export", str(experiment.run), *options)
         assert result.exit_code == 0, result.output
 
 
 def test_an_export_of_no_run(tmp_path: Path) -> None:
-    message = refused(CliRunner().invoke(main, ["export", str(tmp_path / "nothing"), "--format", "gltf"]))
+    message = refused(invoked("export", str(tmp_path / "nothing"), "--format", "gltf"))
     assert "nothing is not the folder of a run; give one such as runs/demo" in message

@@ -13,10 +13,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from click.testing import CliRunner
 
-from ldsim.cli.app import main
-from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, change, refusal, refused
+from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, change, invoked, refusal, refused
 from tests.cli.spoiled import ARTEFACTS
 from tests.helpers import full_disk, little_memory
 
@@ -86,7 +84,7 @@ def test_a_bad_configuration_is_told_by_settings_and_make_too(experiment: Experi
     spoil, words = CONFIGURATIONS[case]
     spoil(experiment)
     for command in ("settings", "make"):
-        assert words in refused(CliRunner().invoke(main, [command, str(experiment.config)]))
+        assert words in refused(invoked(command, str(experiment.config)))
 
 
 # The artefacts that a command reads
@@ -138,7 +136,7 @@ def test_a_name_that_cannot_be_written(experiment: Experiment, command: str) -> 
 def test_a_folder_that_cannot_be_made(experiment: Experiment) -> None:
     in_the_way = experiment.folder / "file"
     in_the_way.touch()
-    result = CliRunner().invoke(main, ["mesh", str(experiment.config), "--runs", str(in_the_way / "runs")])
+    result = invoked("mesh", str(experiment.config), "--runs", str(in_the_way / "runs"))
     assert "cannot write " in refused(result)
 
 
@@ -176,7 +174,7 @@ def test_an_error_of_ours_is_not_taken_for_lack_of_memory(
         raise RuntimeError("a mistake in the code")
 
     monkeypatch.setattr("ldsim.cli.stage.load_settings", fail)
-    result = CliRunner().invoke(main, ["train", str(experiment.config)])
+    result = invoked("train", str(experiment.config))
     assert isinstance(result.exception, RuntimeError)
 
 
@@ -191,12 +189,12 @@ def test_info_of_what_is_no_artefact(tmp_path: Path, content: bytes | None, word
     path = tmp_path / "a.h5"
     if content is not None:
         path.write_bytes(content)
-    assert words in refused(CliRunner().invoke(main, ["info", str(path)]))
+    assert words in refused(invoked("info", str(path)))
 
 
 def test_info_of_a_mesh_does_not_say_to_delete_it(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_text("solid")
-    told = refused(CliRunner().invoke(main, ["info", str(tmp_path / "part.stl")]))
+    told = refused(invoked("info", str(tmp_path / "part.stl")))
     assert "delete" not in told and "give a run" in told
 
 
@@ -204,4 +202,4 @@ def test_info_of_a_foreign_hdf5_file(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         file["x"] = np.eye(2)
-    assert "is not an ldsim artefact" in refused(CliRunner().invoke(main, ["info", str(path)]))
+    assert "is not an ldsim artefact" in refused(invoked("info", str(path)))

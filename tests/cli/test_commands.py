@@ -10,14 +10,12 @@ from pathlib import Path
 import h5py
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from ldsim import __version__
 from ldsim.artefacts.sealed_file import datasets
 from ldsim.cli.app import COMMANDS as KNOWN
-from ldsim.cli.app import main
 from ldsim.settings import STAGES, load_settings, settings_of
-from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment, refused
+from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment, invoked, refused
 
 ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
 
@@ -25,7 +23,7 @@ ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
 def test_all_commands_are_listed_in_the_order_they_run() -> None:
     others = ["list", "open", "compare", "play", "record", "export", "info", "settings"]
     assert list(KNOWN) == ["new", "make", *STAGES, *others]
-    text = CliRunner().invoke(main, ["-h"]).stdout
+    text = invoked("-h").stdout
     places = [text.index(f"  {name} ") for name in KNOWN]
     assert places == sorted(places)
 
@@ -33,7 +31,7 @@ def test_all_commands_are_listed_in_the_order_they_run() -> None:
 @pytest.mark.parametrize("command", ALL)
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_every_command_explains_itself(command: str, flag: str) -> None:
-    result = CliRunner().invoke(main, [command, flag])
+    result = invoked(command, flag)
     assert result.exit_code == 0
     assert result.stdout.startswith("Usage: ")
     assert f" {command} " in result.stdout.splitlines()[0]
@@ -41,21 +39,21 @@ def test_every_command_explains_itself(command: str, flag: str) -> None:
 
 @pytest.mark.parametrize("arguments", [["--version"], *([command, "--version"] for command in ALL)], ids=" ".join)
 def test_every_command_tells_the_version(arguments: list[str]) -> None:
-    result = CliRunner().invoke(main, arguments)
+    result = invoked(*arguments)
     assert result.exit_code == 0
     assert result.stdout == f"ldsim, version {__version__}\n"
 
 
 @pytest.mark.parametrize("arguments", [["no-such-command"], ["mesh"], ["mesh", "a", "b"], ["info"]], ids=" ".join)
 def test_a_wrong_call_shows_the_usage(arguments: list[str]) -> None:
-    result = CliRunner().invoke(main, arguments)
+    result = invoked(*arguments)
     assert result.exit_code == 2
     assert result.stderr.startswith("Usage: ")
 
 
 @pytest.mark.parametrize("command", ["mesh", "make", "settings"])
 def test_a_mesh_in_place_of_a_configuration_is_told_what_to_do(command: str) -> None:
-    result = CliRunner().invoke(main, [command, "solids/part.STL"])
+    result = invoked(command, "solids/part.STL")
     assert result.exit_code == 1
     assert "is a mesh or surface file, not a configuration; `ldsim new solids/part.STL` looks at it" in result.stderr
     assert "writes part.yaml, which `ldsim make` takes" in result.stderr
@@ -64,7 +62,7 @@ def test_a_mesh_in_place_of_a_configuration_is_told_what_to_do(command: str) -> 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command in WRITES])
 def test_info_tells_the_kind_and_what_an_artefact_was_made_from(experiment: Experiment, command: str) -> None:
     path = experiment.run / WRITES[command]
-    result = CliRunner().invoke(main, ["info", str(path)])
+    result = invoked("info", str(path))
     assert result.exit_code == 0
     first, *rest = result.stdout.splitlines()
     assert first.startswith(f"{path}: {path.stem}, written by ldsim {__version__} on ")
@@ -93,7 +91,7 @@ def test_a_stage_repeats_itself(experiment: Experiment, command: str) -> None:
 
 
 def test_settings_prints_the_configuration_with_defaults(experiment: Experiment) -> None:
-    result = CliRunner().invoke(main, ["settings", str(experiment.config)])
+    result = invoked("settings", str(experiment.config))
     assert result.exit_code == 0
     printed = yaml.safe_load(result.stdout)
     assert printed["mesh"]["density"] == 1000.0
@@ -149,4 +147,4 @@ def test_without_torch_all_but_training_works_as_ever(arguments: list[str], stat
 def test_a_name_that_is_too_long_is_refused(command: str) -> None:
     given = [f"{'a' * 300}.stl" if command in ("new", "record") else "a" * 300]
     given += {"compare": given, "export": ["--playground"]}.get(command, [])
-    assert "too long" in refused(CliRunner().invoke(main, [command, *given]))
+    assert "too long" in refused(invoked(command, *given))

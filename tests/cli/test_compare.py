@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from ldsim.cli.app import main
-from tests.cli.experiments import refused
+from tests.cli.experiments import invoked, refused
 from tests.report.example_report import example_report
 from tests.report.test_page import Outline
 
@@ -26,7 +25,7 @@ def runs(tmp_path: Path) -> Path:
 
 
 def compare(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["compare", *map(str, arguments)])
+    return invoked("compare", *map(str, arguments))
 
 
 def test_a_page_and_its_numbers_are_written_and_the_page_s_path_is_the_last_line(runs, tmp_path):

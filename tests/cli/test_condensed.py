@@ -67,6 +67,13 @@ def condensed(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     return experiment
 
 
+@pytest.fixture
+def again(condensed: Experiment, tmp_path: Path) -> Experiment:
+    """A copy of it for one test alone."""
+    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
+    return Experiment(tmp_path)
+
+
 def coordinates(run: Run) -> Basis:
     """V."""
     return combined(run.basis, slowest(run)[:, :3])
@@ -273,10 +280,9 @@ def test_a_round_runs_the_model_itself_under_loads_that_no_motion_had(condensed:
 
 
 def test_own_poses_are_taken_no_farther_out_than_own_pulls_go(
-    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    again: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again, lengths = Experiment(tmp_path), dict[str, Array]()
+    lengths = dict[str, Array]()
     relax = condense._Work.relax
 
     def watched(work: Any, name: str, z: Array, *rest: Any) -> None:
@@ -291,11 +297,7 @@ def test_own_poses_are_taken_no_farther_out_than_own_pulls_go(
     assert 0.4 * farthest < lengths["round 1"].max() <= 0.5 * farthest
 
 
-def test_an_interrupted_relaxation_keeps_what_was_done(
-    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again = Experiment(tmp_path)
+def test_an_interrupted_relaxation_keeps_what_was_done(again: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     with Run(again.run) as run:
         before = run.model.potential
     done: list[int] = []
@@ -340,10 +342,8 @@ def test_it_reads_no_setting_of_an_autoencoder_and_every_other(
 
 
 def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(
-    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    again: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again = Experiment(tmp_path)
     monkeypatch.setattr(condense, "NARROW", 6)
     again.configure(CONDENSED | {"train": CONDENSED["train"] | {"hidden": [8]}})
     assert again.invoke("train", "--keep").exit_code == 0
@@ -365,11 +365,7 @@ def test_wider_layers_learn_from_the_poses_that_narrow_ones_came_to(
         ({"train": {"kind": "condense"}}, "train.kind"),
     ],
 )
-def test_what_has_no_condensed_space_is_refused_by_name(
-    condensed: Experiment, tmp_path: Path, change: dict[str, Any], said: str
-) -> None:
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again = Experiment(tmp_path)
+def test_what_has_no_condensed_space_is_refused_by_name(again: Experiment, change: dict[str, Any], said: str) -> None:
     again.configure(CONDENSED | change)
     if "pca" in change:
         assert again.invoke("pca").exit_code == 0
@@ -388,13 +384,11 @@ def test_it_is_loaded_and_exported_like_any_other(condensed: Experiment) -> None
 
 
 def test_a_solid_without_an_equilibrium_wherever_it_was_taken_is_told(
-    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    again: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(*_: object) -> Relaxed:
         raise SolverError("a condensed pose has buckled")
 
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again = Experiment(tmp_path)
     (again.run / "model.h5").unlink()
     monkeypatch.setattr(condense.Relaxation, "from_pose", refused)
     result = again.invoke("train")
@@ -402,7 +396,7 @@ def test_a_solid_without_an_equilibrium_wherever_it_was_taken_is_told(
 
 
 def test_poses_without_an_equilibrium_that_come_together_are_left_out(
-    condensed: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    again: Experiment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     relaxed = relaxed_poses.ChosenPoses.relaxed
 
@@ -410,8 +404,6 @@ def test_poses_without_an_equilibrium_that_come_together_are_left_out(
         found = relaxed(poses, piece)
         return {name: each[:0] for name, each in found.items()} if piece == 0 else found
 
-    shutil.copytree(condensed.folder, tmp_path, dirs_exist_ok=True)
-    again = Experiment(tmp_path)
     (again.run / "model.h5").unlink()
     monkeypatch.setattr(relaxed_poses.ChosenPoses, "relaxed", first_lost)
     result = again.invoke("train")

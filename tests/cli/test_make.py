@@ -12,9 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from ldsim.cli.app import main
 from ldsim.learn.options import TrainOptions
 from ldsim.pipeline.convergence import Round, write_rounds
 from ldsim.settings import STAGES, load_settings, make
@@ -25,8 +23,7 @@ from tests.helpers import changed as changed_file
 
 def stale(experiment: Experiment, *arguments: str) -> dict[str, str]:
     """The stages that would run, each with the reason."""
-    runs = str(experiment.folder / "runs")
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", runs, "--dry-run", *arguments])
+    result = experiment.invoke("make", "--dry-run", *arguments)
     assert result.exit_code == 0, result.output
     return dict(line.split(": ", 1) for line in result.stdout.splitlines())  # type: ignore[misc]
 
@@ -37,7 +34,7 @@ def after(stage: str) -> list[str]:
 
 def test_a_finished_run_is_up_to_date_and_says_so(experiment: Experiment) -> None:
     assert stale(experiment) == {}
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
+    result = experiment.invoke("make")
     page = (experiment.run / "report" / "report.html").resolve()
     assert result.stdout == f"nothing to do, tiny is up to date: {page}\n"
 
@@ -97,7 +94,7 @@ def test_a_stage_that_a_signal_ends_is_told(experiment: Experiment, monkeypatch:
     """As Linux ends what takes more memory than there is; the stage itself cannot say so any more."""
     monkeypatch.setattr(make, "status_of", lambda command: -signal.SIGKILL)
     experiment.change("train.learning_rate", 1e-3)
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
+    result = experiment.invoke("make")
     assert result.exit_code == 1
     assert "train was ended by signal 9, as the system ends what takes too much memory" in result.output
 
@@ -122,7 +119,7 @@ def test_who_ends_make_ends_its_stage_too(experiment: Experiment, monkeypatch: p
     before = signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr(subprocess, "Popen", Stage)
     experiment.change("train.learning_rate", 1e-3)
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
+    result = experiment.invoke("make")
     assert result.exit_code == 128 + signal.SIGTERM and signal.getsignal(signal.SIGTERM) is before
     assert notes == ["waited", "killed", "waited"]
 
@@ -160,29 +157,25 @@ def test_a_damaged_artefact_is_told_and_nothing_is_thrown_away(experiment: Exper
     path = experiment.run / "model.h5"
     path.write_bytes(path.read_bytes()[:-100])
     before = experiment.finished()
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs")])
-    assert "model.h5" in refused(result)
+    assert "model.h5" in refused(experiment.invoke("make"))
     assert experiment.finished() == before
 
 
 def test_a_configuration_of_another_experiment_is_refused(experiment: Experiment) -> None:
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--experiment", "other"])
-    assert "experiment is 'tiny', expected 'other'" in refused(result)
+    refusal = refused(experiment.invoke("make", "--experiment", "other"))
+    assert "experiment is 'tiny', expected 'other'" in refusal
 
 
 def test_an_error_that_is_asked_for_is_compared_with_the_statement(experiment: Experiment) -> None:
-    arguments = ["make", str(experiment.config), "--runs", str(experiment.folder / "runs"), "--error"]
-    assert CliRunner().invoke(main, [*arguments, "1e6"]).exit_code == 0
-    result = CliRunner().invoke(main, [*arguments, "0.001"])
+    assert experiment.invoke("make", "--error", "1e6").exit_code == 0
+    result = experiment.invoke("make", "--error", "0.001")
     assert result.exit_code == 3 and "asked were 0.001 %" in result.stderr
-    assert (
-        CliRunner().invoke(main, [*arguments, "0.001", "--until", "train"]).exit_code == 0
-    )  # it does not make the report
+    told = experiment.invoke("make", "--error", "0.001", "--until", "train")
+    assert told.exit_code == 0  # it does not make the report
 
 
 def test_where_nothing_is_trained_no_round_runs_for_an_error(experiment: Experiment, tmp_path: Path) -> None:
-    arguments = ["make", str(experiment.config), "--runs", str(tmp_path), "--error", "5", "--until", "mesh"]
-    result = CliRunner().invoke(main, arguments)
+    result = experiment.invoke("make", "--runs", str(tmp_path), "--error", "5", "--until", "mesh")
     assert result.exit_code == 0, result.output
     assert [path.name for path in (tmp_path / "tiny").glob("*.h5")] == ["scene.h5"]
 
@@ -265,8 +258,7 @@ def test_a_test_motion_makes_stale_only_what_judges(experiment: Experiment) -> N
 def test_a_file_that_is_gone_is_named(experiment: Experiment) -> None:
     with_files(experiment)
     (experiment.folder / "a.csv").unlink()
-    result = CliRunner().invoke(main, ["make", str(experiment.config), "--runs", str(experiment.folder / "runs"), "-n"])
-    assert "a.csv does not exist" in refused(result)
+    assert "a.csv does not exist" in refused(experiment.invoke("make", "-n"))
 
 
 def test_settings_that_changed_are_named_by_their_keys(tmp_path: Path) -> None:

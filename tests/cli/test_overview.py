@@ -8,17 +8,15 @@ import webbrowser
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from ldsim.cli.app import main
 from ldsim.report.overview import listed, missed
-from tests.cli.experiments import WRITES, Experiment, refused
+from tests.cli.experiments import WRITES, Experiment, invoked, refused
 from tests.helpers import changed
 from tests.report.example_report import example_report
 
 
 def said(*arguments: str) -> list[str]:
-    result = CliRunner().invoke(main, list(arguments))
+    result = invoked(*arguments)
     assert result.exit_code == 0, result.output
     return result.stdout.splitlines()
 
@@ -62,7 +60,7 @@ def test_a_report_of_what_has_been_made_anew_since_says_so(experiment: Experimen
 def test_info_of_an_unfinished_run_says_where_it_stands(experiment: Experiment, missing: str) -> None:
     path = experiment.run / missing
     shutil.rmtree(path) if path.is_dir() else path.unlink()
-    result = CliRunner().invoke(main, ["info", str(experiment.run)])
+    result = invoked("info", str(experiment.run))
     if missing == "scene.h5":
         assert "is not the folder of a run" in refused(result)
     else:
@@ -79,9 +77,9 @@ def test_open_shows_the_report_in_the_browser(experiment: Experiment, monkeypatc
 
 
 def test_what_is_not_there_is_refused(experiment: Experiment, tmp_path: Path) -> None:
-    assert "holds no run" in refused(CliRunner().invoke(main, ["list", "--runs", str(tmp_path / "none")]))
+    assert "holds no run" in refused(invoked("list", "--runs", str(tmp_path / "none")))
     shutil.rmtree(experiment.run / "report")
-    assert "has no report yet (done up to simulate)" in refused(CliRunner().invoke(main, ["open", str(experiment.run)]))
+    assert "has no report yet (done up to simulate)" in refused(invoked("open", str(experiment.run)))
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from ldsim.cli.app import main
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.recording import write_recording
 from ldsim.pipeline.files import resolve_path
@@ -24,7 +22,7 @@ from ldsim.pipeline.progress import SILENT
 from ldsim.settings import load_settings
 from ldsim.settings.record import RecordOptions, recording_scene
 from ldsim.simulator import full_simulator
-from tests.cli.experiments import TINY, Experiment, refused
+from tests.cli.experiments import TINY, Experiment, invoked, refused
 from tests.report.small_run import write_run
 
 ONE = (
@@ -92,7 +90,7 @@ def test_make_plays_what_it_made_and_says_first_where_it_is_not_as_good_as_asked
 
 
 def refusal(*arguments: str) -> str:
-    return refused(CliRunner().invoke(main, list(arguments)))
+    return refused(invoked(*arguments))
 
 
 def test_a_run_without_a_model_is_refused(playable: Path, tmp_path: Path) -> None:
@@ -150,7 +148,7 @@ def test_without_an_output_a_take_goes_to_the_first_free_name_here(
     monkeypatch.chdir(tmp_path)
     for expected in ("motion.csv", "motion-2.csv"):
         played = ["--play", "motion.csv"] if served else []
-        result = CliRunner().invoke(main, ["record", str(given), *played])
+        result = invoked("record", str(given), *played)
         assert result.exit_code == 0, result.output
         recorder = served[-1]._session.recorder
         recorder.record(True)
@@ -170,7 +168,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     source.write_text(content, encoding="utf-8")
     motion = tmp_path / "m.csv"
     arguments = ["record", str(source), "--unit", "m", "--config", str(made), "--output", str(motion)]
-    result = CliRunner().invoke(main, [*arguments, *(["--cells", "40"] if name.endswith(".off") else [])])
+    result = invoked(*arguments, *(["--cells", "40"] if name.endswith(".off") else []))
     assert result.exit_code == 0 and len(served) == 1, result.output
     assert not made.exists()  # a page that is closed unrecorded leaves nothing behind
     recorder = served[0]._session.recorder
@@ -185,7 +183,7 @@ def test_a_mesh_or_a_surface_becomes_a_configuration_whose_stages_run(
     assert settings.snapshot.roles == ("train", "train", "train", "validation", "test")
     assert resolve_path(settings.snapshot.motions[0].recording or "", made.parent).resolve() == motion.resolve()
     made.write_text(made.read_text(encoding="utf-8").replace("cells: 10000", "cells: 60"), encoding="utf-8")
-    done = CliRunner().invoke(main, ["mesh", str(made), "--runs", str(tmp_path / "runs")])
+    done = invoked("mesh", str(made), "--runs", str(tmp_path / "runs"))
     assert done.exit_code == 0, done.output
     assert "exists already; give --config another name" in refusal(*arguments)
     recorder.discard("m")
@@ -229,5 +227,5 @@ def test_what_makes_up_a_configuration_is_refused_for_one(tmp_path: Path) -> Non
     ("command", "words"), [("make", "is a folder"), ("record", "is a folder; give a mesh, a surf")]
 )
 def test_a_folder_in_the_place_of_a_file(tmp_path: Path, command: str, words: str) -> None:
-    assert words in refused(CliRunner().invoke(main, [command, str(tmp_path)]))
-    assert words in refused(CliRunner().invoke(main, [command, "."]))
+    assert words in refused(invoked(command, str(tmp_path)))
+    assert words in refused(invoked(command, "."))

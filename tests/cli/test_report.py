@@ -8,10 +8,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from ldsim.cli.app import main
 from ldsim.report.schema import check_report
+from tests.cli.experiments import invoked
 from tests.report.small_run import CONFIG, FRAMES, NAME, write_run
 
 
@@ -33,7 +33,7 @@ def root(finished: Path, tmp_path: Path) -> Path:
 
 
 def report(root: Path) -> Result:
-    return CliRunner().invoke(main, ["report", str(root / "config.yaml"), "--runs", str(root / "runs")])
+    return invoked("report", str(root / "config.yaml"), "--runs", str(root / "runs"))
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from ldsim.artefacts.records import read_scene
-from ldsim.cli.app import main
 from ldsim.errors import LdsimError
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Motion
@@ -21,6 +19,7 @@ from ldsim.mesh.shapes import beam
 from ldsim.pipeline.options import MotionOptions
 from ldsim.pipeline.snapshot import motion
 from ldsim.settings import load_settings
+from tests.cli.experiments import invoked
 from tests.helpers import uniform_scene
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +32,7 @@ BODY = uniform_scene(BEAM, ENDS, time_step=0.01)
 def made(name: str, folder: Path) -> tuple[Scene, list[Motion]]:
     """The scene of an example and its motions."""
     config = ROOT / "configs" / f"{name}.yaml"
-    result = CliRunner().invoke(main, ["mesh", str(config), "--runs", str(folder)])
+    result = invoked("mesh", str(config), "--runs", str(folder))
     assert result.exit_code == 0, result.output
     scene, _ = read_scene(folder / name / "scene.h5")
     return scene, [motion(scene, entry, config.parent) for entry in load_settings(config).snapshot.motions]
@@ -70,7 +69,7 @@ def test_a_group_pins_and_changes_what_the_file_says(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scene.pinned, scene.mesh.vertices[:, 0] == 0)
     core = np.abs(scene.mesh.vertices[scene.mesh.cells].mean(axis=1)[:, 1]) < 0.03
     np.testing.assert_allclose(properties_of(scene).youngs_modulus, np.where(core, 1e6, 1e5), rtol=1e-12)
-    told = CliRunner().invoke(main, ["info", str(tmp_path / "groups" / "scene.h5")]).stdout
+    told = invoked("info", str(tmp_path / "groups" / "scene.h5")).stdout
     for name in ("core", "foot", "shell"):
         assert f"groups/{name}/vertices" in told
 

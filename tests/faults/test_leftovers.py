@@ -7,13 +7,12 @@ import time
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from ldsim.artefacts import atomic
 from ldsim.artefacts.atomic import replacing, replacing_folder
-from ldsim.cli.app import main
 from tests.artefacts.examples import EXAMPLES
 from tests.artefacts.test_artefacts import header
+from tests.cli.experiments import invoked
 from tests.helpers import changed
 
 DEAD = 2**22 + 1
@@ -83,7 +82,7 @@ def test_info_prints_nothing_that_a_terminal_obeys(tmp_path: Path) -> None:
     EXAMPLES["scene"].write(path, header("scene"))
     with changed(path) as file:
         file.attrs["settings"] = "a: \x1b]0;owned\x07 \u202e\n"
-    said = CliRunner().invoke(main, ["info", str(path)])
+    said = invoked("info", str(path))
     assert said.exit_code == 0
     assert "owned" in said.stdout
     assert all(letter.isprintable() or letter == "\n" for letter in said.stdout)

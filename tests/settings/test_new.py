@@ -9,10 +9,8 @@ import meshio
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from ldsim.arrays import Array, Indices
-from ldsim.cli.app import main
 from ldsim.errors import SettingsError
 from ldsim.mesh.shapes import beam, voxel_mesh
 from ldsim.mesh.surface import surface_triangles
@@ -29,7 +27,7 @@ from ldsim.settings.derived import (
     unit_of,
 )
 from ldsim.settings.new import NewOptions, seen
-from tests.cli.experiments import refused
+from tests.cli.experiments import invoked, refused
 from tests.mesh.painted import WRITERS
 
 
@@ -141,7 +139,7 @@ def test_a_small_solid_is_shown_more_poses_up_to_twice_as_many(unknowns: int, po
 
 
 def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Path) -> None:
-    result = CliRunner().invoke(main, ["new", str(rod)])
+    result = invoked("new", str(rod))
     assert result.exit_code == 0, result.output
     assert "unit: metres, so that it is 162 mm across (--unit)" in result.stdout
     assert "held at x-min" in result.stdout and "(--pin)" in result.stdout
@@ -160,7 +158,7 @@ def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Pat
 
 def test_what_is_said_is_taken(rod: Path) -> None:
     flags = ["--unit", "cm", "--pin", "y-max", "--youngs-modulus", "2e6", "--output", "cfg/an other.yaml"]
-    result = CliRunner().invoke(main, ["new", str(rod), *flags, "--runs", "elsewhere"])
+    result = invoked("new", str(rod), *flags, "--runs", "elsewhere")
     assert result.exit_code == 0, result.output
     assert "`ldsim make 'cfg/an other.yaml' --error 5% --play --runs elsewhere`" in result.stdout.splitlines()[-1]
     section = load_settings(Path("cfg/an other.yaml")).mesh
@@ -172,7 +170,7 @@ def test_what_is_said_is_taken(rod: Path) -> None:
 
 def test_a_shape_needs_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(main, ["new", "--shape", "beam", "--resolution", "1"])
+    result = invoked("new", "--shape", "beam", "--resolution", "1")
     assert result.exit_code == 0, result.output
     shape = load_settings(Path("beam.yaml")).mesh.shape
     assert shape is not None and (shape.name, shape.resolution) == ("beam", 1)
@@ -180,13 +178,13 @@ def test_a_shape_needs_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_new_overwrites_neither_a_configuration_nor_a_run(rod: Path) -> None:
     Path("my-rod.yaml").write_text("mine", encoding="utf-8")
-    assert "my-rod.yaml exists already" in refused(CliRunner().invoke(main, ["new", str(rod)]))
+    assert "my-rod.yaml exists already" in refused(invoked("new", str(rod)))
     assert Path("my-rod.yaml").read_text(encoding="utf-8") == "mine"
     Path("my-rod.yaml").unlink()
     for begun in ("snapshots.h5", "snapshots.partial/pulls_1.frames"):
         Path(f"runs/my-rod/{begun}").parent.mkdir(parents=True)
         Path(f"runs/my-rod/{begun}").touch()
-        assert "holds motions of a run already" in refused(CliRunner().invoke(main, ["new", str(rod)]))
+        assert "holds motions of a run already" in refused(invoked("new", str(rod)))
         assert not Path("my-rod.yaml").exists()
         shutil.rmtree("runs")
 
@@ -195,7 +193,7 @@ def test_new_overwrites_neither_a_configuration_nor_a_run(rod: Path) -> None:
 def test_a_painted_surface_is_looked_at_as_a_surface(kind: str, tmp_path: Path) -> None:
     file = WRITERS[kind](tmp_path, np.zeros(3), np.array([0.1, 0.2, 0.3]))
     assert any(line.startswith("surface: {file") for line in seen(file, tmp_path / "box.yaml", NewOptions()).lines)
-    assert f"`ldsim new {file}`" in refused(CliRunner().invoke(main, ["make", str(file)]))
+    assert f"`ldsim new {file}`" in refused(invoked("make", str(file)))
 
 
 @pytest.mark.parametrize(("stem", "name"), [("Ärmel 2", "rmel-2"), ("-a", "a"), (".é.b", "b"), ("球", "solid")])
@@ -239,12 +237,12 @@ def test_a_flat_surface_is_refused_in_one_line(axis: str, tmp_path: Path) -> Non
 def test_bad_input_is_refused_in_one_line(rod: Path, arguments: list[str], words: str) -> None:
     mesh = meshio.read(rod)
     meshio.Mesh(mesh.points * 506.0, mesh.cells).write("large.vtk")
-    assert words in refused(CliRunner().invoke(main, ["new", *arguments]))
+    assert words in refused(invoked("new", *arguments))
     assert not list(Path().glob("*.yaml"))
 
 
 def test_every_value_of_a_new_configuration_says_where_it_comes_from(rod: Path) -> None:
-    assert CliRunner().invoke(main, ["new", str(rod)]).exit_code == 0
+    assert invoked("new", str(rod)).exit_code == 0
     lines = Path("my-rod.yaml").read_text(encoding="utf-8").splitlines()
     for key in ("scale:", "pins:", "time_step:", "kind:"):
         assert "#" in next(line for line in lines if line.strip().startswith(key)), key
