@@ -36,10 +36,7 @@ def points(run: Run, space: str) -> int | None:
 
 def on_role(run: Run, role: str) -> list[Standing]:
     """Every reduced space on all motions of a role together."""
-    names = [
-        name for name, recorded in run.motions.items() if recorded.role == role and name in run.simulation["latent"]
-    ]
-    return on_motions(run, names)
+    return judged(run, (role,))[1]
 
 
 def on_motions(run: Run, names: Sequence[str]) -> list[Standing]:
@@ -47,12 +44,11 @@ def on_motions(run: Run, names: Sequence[str]) -> list[Standing]:
     return standings({space: runs(run, space) for space in spaces(run)}, names)
 
 
-def judged(run: Run) -> tuple[str, list[Standing]]:
-    """The role that the spaces are compared on, test where there is one, and how they did."""
+def judged(run: Run, order: Sequence[str]) -> tuple[str, list[Standing]]:
+    """The first of some roles that a motion has, on which the spaces are compared, and how they did."""
     roles = {name: recorded.role for name, recorded in run.motions.items() if name in run.simulation["latent"]}
-    names = judging(roles, ("test", "validation", "train"))
-    role = roles[names[0]] if names else "train"
-    return role, on_role(run, role)
+    names = judging(roles, order)
+    return roles[names[0]] if names else order[-1], on_motions(run, names)
 
 
 def told(run: Run, found: Standing) -> str:
@@ -64,18 +60,16 @@ def told(run: Run, found: Standing) -> str:
 
 def advice(run: Run) -> list[str]:
     """Which space to use for this solid, in one sentence; none where no error is known."""
-    roles = {name: recorded.role for name, recorded in run.motions.items() if name in run.simulation["latent"]}
-    names = judging(roles, ("validation", "train"))
-    found = on_motions(run, names)
+    role, found = judged(run, ("validation", "train"))
     space = str(run.header("simulation").notes.get("space", "latent"))
     use = next((each for each in found if each.space == space), None)
     if use is None:
         return []
     if not any(each.error < float("inf") for each in found):
-        return [f"Every space diverged on the {ROLE_NAMES[roles[names[0]]]} motions, so none is to be used."]
+        return [f"Every space diverged on the {ROLE_NAMES[role]} motions, so none is to be used."]
     rival = _rival(use, found)
     beside = f"; {_measured(run, rival)}" if rival is not None else ""
-    on = f"on the {ROLE_NAMES[roles[names[0]]]} motions{beside}."
+    on = f"on the {ROLE_NAMES[role]} motions{beside}."
     if SimulateOptions.of_dump(run.header("simulation").settings).space != AUTO:
         return [f"As simulate.space says, used is {_measured(run, use)}, {on}"]
     least = f"Chosen as the fastest within {NEARLY:g} times the least error."

@@ -237,7 +237,7 @@ def _frontier(run: Run) -> list[schema.FrontierRun]:
 
 
 def _speedups(run: Run) -> schema.Speedups:
-    role, found = judged(run)
+    role, found = judged(run, ("test", "validation", "train"))
     latent, equal, best = equal_error(found)
     beside = best if equal is None else equal
     return schema.Speedups(

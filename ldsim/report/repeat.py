@@ -23,20 +23,14 @@ MADE_BY: dict[str, tuple[str, type[Options]]] = {
 
 def configuration(run: Run) -> str:
     """As YAML, without what is default: `ldsim make` of it makes the run again, where its input files still are."""
-    sections: dict[str, Any] = {"experiment": run.experiment}
-    for stage, (kind, options) in MADE_BY.items():
-        sections[stage] = _given(run, kind, options)
+    sections = {stage: _given(run, kind, options) for stage, (kind, options) in MADE_BY.items()}
     if run.path("tests").is_file():
-        sections["snapshot"].setdefault("motions", []).extend(_motions(run, "tests"))
-    given = {name: section for name, section in sections.items() if section}
-    return as_yaml(given)
+        motions = of_yaml(run.header("tests").settings).get("motions", ())
+        given = [MotionOptions(**motion).model_dump(mode="json", exclude_defaults=True) for motion in motions]
+        sections["snapshot"].setdefault("motions", []).extend(given)
+    return as_yaml({"experiment": run.experiment} | {name: section for name, section in sections.items() if section})
 
 
 def _given(run: Run, kind: str, options: type[Options]) -> dict[str, Any]:
     text = run.header(kind).settings
     return options.of_dump(text).model_dump(mode="json", exclude_defaults=True) if text else {}
-
-
-def _motions(run: Run, kind: str) -> list[dict[str, Any]]:
-    motions = of_yaml(run.header(kind).settings).get("motions", ())
-    return [MotionOptions(**motion).model_dump(mode="json", exclude_defaults=True) for motion in motions]

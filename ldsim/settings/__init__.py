@@ -6,9 +6,4 @@ about unknown keys all come from these declarations.
 
 from ldsim.settings.experiment import STAGES, Settings, load_settings, settings_of
 
-__all__ = [
-    "STAGES",
-    "Settings",
-    "load_settings",
-    "settings_of",
-]
+__all__ = ["STAGES", "Settings", "load_settings", "settings_of"]

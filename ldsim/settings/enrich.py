@@ -57,7 +57,7 @@ class Enriched:
     """
 
     def __init__(
-        self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[Round] = ()
+        self, config: Path, runs: Path, asked: float, make: Callable[[Path, str], object], earlier: Sequence[Round]
     ) -> None:
         self._given, self._runs, self._asked, self._make = config, runs, asked, make
         self._errors = errors = [_error(each) for each in earlier]
@@ -154,7 +154,8 @@ def learn(
             return ran
         best, statement = min(rounds, key=_error), found.statement if found.kind == "condensed" else None
         stated = None if statement is None else statement.latent.error
-        if (_error(best) <= MARGIN * percent / 100) if statement is None else _within(stated, percent):
+        held = stated is not None and 100 * stated <= percent
+        if (_error(best) <= MARGIN * percent / 100) if statement is None else held:
             remove_checkpoints(folder / "model.partial")
             return ran
         spent = time.monotonic() - begun
@@ -166,10 +167,6 @@ def learn(
         before = _model_of(config, runs)
         reached = "fresh motions were lost" if stated is None else f"{100 * stated:.3g} % are stated"
         say(f"{reached}, {percent:g} % were asked: it goes on, for {MARGIN * aim:.2g} % on the pulls kept aside")
-
-
-def _within(error: float | None, percent: float) -> bool:
-    return error is not None and 100 * error <= percent
 
 
 def enrich(
@@ -213,7 +210,7 @@ def enrich(
     def stages(file: Path, until: str) -> None:
         ran.update(make(file, runs, until, say, KEEP))
 
-    surrogate = Enriched(config, runs, asked, stages, tuple(rounds))
+    surrogate = Enriched(config, runs, asked, stages, rounds)
     try:
         for each in improved(surrogate, few, seconds, known=known):
             rounds.append(each)
@@ -256,7 +253,7 @@ def _take_up(config: Path, runs: Path, rounds: list[Round]) -> None:
     with Run(runs / settings.experiment, settings.experiment) as run:
         cut = bool(rounds and rounds[-1].changed) and _kept(run).exists()
     if cut:
-        Enriched(config, runs, 0.0, lambda *_: None, tuple(rounds)).take_best()
+        Enriched(config, runs, 0.0, lambda *_: None, rounds).take_best()
         write_rounds(run.folder, [*rounds[:-1], rounds[-1].replace(changed="")])
 
 

@@ -62,9 +62,7 @@ class Errors:
         return self.now.get(name, np.nan), self._sums[name] / self._moved if known else np.nan
 
 
-def space_frame(
-    simulator: Simulator, records: Sequence[StepRecord], error: tuple[float, float] = (np.nan, np.nan)
-) -> SpaceFrame:
+def space_frame(simulator: Simulator, records: Sequence[StepRecord], error: tuple[float, float]) -> SpaceFrame:
     """What a frame says of one space and its steps since the last one; of the full space only the surface is sent."""
     q = simulator.coordinates
     if simulator.space.basis is None:
