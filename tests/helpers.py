@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import resource
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
 STEPS = 1e-2 / 2.0 ** np.arange(7)
+WAIT = 60.0  # seconds, for what another process or thread does
 
 
 def order(remainders: ArrayLike, steps: Array) -> float:
@@ -99,6 +101,13 @@ def scene(
     numbers: dict[str, Any] = {"gravity": (0.0, -9.81, 0.0), "time_step": 0.01} | given
     numbers |= {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     return uniform_scene(mesh, x < x.min() + 1e-9, material=material, **numbers)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.002)
 
 
 @contextlib.contextmanager

@@ -167,15 +167,14 @@ def with_another_axis(file: h5py.File, name: str) -> None:
 
 
 @every_kind
-def test_a_dataset_of_the_wrong_type_is_refused(kind: str, artefact: Path) -> None:
-    for name, message in refusals(as_text, kind, artefact, names_of(artefact)).items():
-        assert name in message and "found type |S3, expected" in message
-
-
-@every_kind
-def test_a_dataset_of_the_wrong_shape_is_refused(kind: str, artefact: Path) -> None:
-    for name, message in refusals(with_another_axis, kind, artefact, names_of(artefact)).items():
-        assert name in message and "found shape" in message
+@pytest.mark.parametrize(
+    ("change", "words"), [(as_text, "found type |S3, expected"), (with_another_axis, "found shape")]
+)
+def test_a_dataset_of_the_wrong_type_or_shape_is_refused(
+    kind: str, artefact: Path, change: Callable[[h5py.File, str], None], words: str
+) -> None:
+    for name, message in refusals(change, kind, artefact, names_of(artefact)).items():
+        assert name in message and words in message
 
 
 @every_kind

@@ -111,6 +111,10 @@ class Unit:
     def step(self, time: float, size: float) -> None:
         self.unit.doStep(currentCommunicationPoint=time, communicationStepSize=size)
 
+    def end(self) -> None:
+        self.unit.terminate()
+        self.unit.freeInstance()
+
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_unit_is_valid_and_steps_as_the_library(made: tuple[Space, Path], tmp_path: Path, version: int) -> None:
@@ -144,8 +148,7 @@ def test_a_unit_is_valid_and_steps_as_the_library(made: tuple[Space, Path], tmp_
         unit.call("setFMUstate", again)
         unit.step((TAKEN + 5) * h, 3 * h)
         np.testing.assert_array_equal(unit.get("track[2].position"), positions[TAKEN + 7])
-    unit.unit.terminate()
-    unit.unit.freeInstance()
+    unit.end()
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -153,11 +156,8 @@ def test_what_is_read_when_hold_is_taken_says_so_and_changes_nothing_while_it_is
     made: tuple[Space, Path], tmp_path: Path, version: int
 ) -> None:
     space, folder = made
-    unit, h, (tip, target) = (
-        Unit(folder / f"solid-fmi{version}.fmu", tmp_path),
-        space.scene.time_step,
-        tip_and_target(space),
-    )
+    unit, h = Unit(folder / f"solid-fmi{version}.fmu", tmp_path), space.scene.time_step
+    tip, target = tip_and_target(space)
     taken = {"grab[1].point": tip, "grab[1].stiffness": 60.0, "grab[1].radius": 0.02}
     others = {"grab[1].point": tip - 0.02, "grab[1].stiffness": 20.0, "grab[1].radius": 0.05}
     said = {name.removesuffix("[1]") for name, meaning in unit.meaning.items() if "when held becomes true" in meaning}
@@ -177,8 +177,7 @@ def test_what_is_read_when_hold_is_taken_says_so_and_changes_nothing_while_it_is
     np.testing.assert_array_equal(found[0], found[1])
     assert np.abs(found[2] - found[3]).max() > 1e-6 * space.scene.mesh.diagonal
     unit.call("freeFMUstate", state)
-    unit.unit.terminate()
-    unit.unit.freeInstance()
+    unit.end()
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -188,11 +187,8 @@ def test_what_is_tracked_is_chosen_before_the_first_step_and_seen_at_once(
     from fmpy.fmi1 import FMICallException
 
     space, folder = made
-    unit, x, size = (
-        Unit(folder / f"solid-fmi{version}.fmu", tmp_path),
-        space.scene.mesh.vertices,
-        space.scene.mesh.diagonal,
-    )
+    unit = Unit(folder / f"solid-fmi{version}.fmu", tmp_path)
+    x, size = space.scene.mesh.vertices, space.scene.mesh.diagonal
     far = unit.get("track[1].at")
     np.testing.assert_allclose(unit.get("track[1].position"), far, atol=0.05 * size)  # it may sag
     if unit.second:
@@ -209,8 +205,7 @@ def test_what_is_tracked_is_chosen_before_the_first_step_and_seen_at_once(
     unit.call("setFMUstate", before)  # which was not initialised
     unit.set({"track[1].at": far})
     unit.call("freeFMUstate", before)
-    unit.unit.terminate()
-    unit.unit.freeInstance()
+    unit.end()
 
 
 def test_a_unit_tells_the_time_that_it_reached_and_not_that_of_a_step_that_failed(
@@ -235,8 +230,7 @@ def test_a_unit_tells_the_time_that_it_reached_and_not_that_of_a_step_that_faile
         assert step(2.0 + 0.5 * h * halves) == (0, pytest.approx(now), pytest.approx(now))
     unit.set({"grab[1].point": [99.0, 0.0, 0.0], "grab[1].held": True})
     assert step(2.0 + 1.5 * h) == (3, pytest.approx(2.0 + 1.5 * h), pytest.approx(2.0 + 1.5 * h))
-    unit.unit.terminate()
-    unit.unit.freeInstance()
+    unit.end()
 
 
 @pytest.mark.parametrize("name", [name for name in SPACES if "pins" not in name])
@@ -247,11 +241,8 @@ def test_a_thousand_frames_with_grabs_agree_with_the_library_in_every_space_and_
     space = SPACES[name]()
     fmu.write_fmu(space, tmp_path)
     solid = NativeSolid(NativeModel(library, model_bytes(space, TIGHT)))
-    unit, h, (tip, target) = (
-        Unit(tmp_path / "solid-fmi3.fmu", tmp_path / "unit"),
-        space.scene.time_step,
-        tip_and_target(space),
-    )
+    unit, h = Unit(tmp_path / "solid-fmi3.fmu", tmp_path / "unit"), space.scene.time_step
+    tip, target = tip_and_target(space)
     unit.begin(**{"track[1].at": tip})
     vertex, found, wanted, grab = np.array([space.scene.mesh.vertices[:, 0].argmax()]), [], [], 0
     for frame in range(1000):
@@ -270,8 +261,7 @@ def test_a_thousand_frames_with_grabs_agree_with_the_library_in_every_space_and_
         wanted.append(solid.displacement(vertex)[0])
     size = np.abs(wanted).max()
     assert np.abs(np.array(found) - wanted).max() <= 1e-9 * size and size > 1e-3 * space.scene.mesh.diagonal
-    unit.unit.terminate()
-    unit.unit.freeInstance()
+    unit.end()
 
 
 def test_the_controller_of_the_guide_brings_the_solid_to_where_it_wants_it(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -190,12 +189,11 @@ def _novelty(r: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("case", MISFITS)
-def test_what_does_not_fit_is_refused_before_a_space_is_made(playable: Path, case: str, tmp_path: Path) -> None:
+def test_what_does_not_fit_is_refused_before_a_space_is_made(own_run: Path, case: str) -> None:
     kind, change = MISFITS[case]
-    shutil.copytree(playable, tmp_path, dirs_exist_ok=True)
-    with changed(tmp_path / f"{kind}.h5") as file:
+    with changed(own_run / f"{kind}.h5") as file:
         change(file)
-    run = Run(tmp_path, "playable")
+    run = Run(own_run, "playable")
     with pytest.raises(ArtefactError) as caught:
         for space in ("linear", "latent"):
             run.space(space)
@@ -270,10 +268,9 @@ def test_files_of_a_header_that_are_none_have_changed() -> None:
         assert _changed_files(text, "{}") == ["files"]
 
 
-def test_a_damaged_simulation_is_not_taken_for_none(playable: Path, tmp_path: Path) -> None:
+def test_a_damaged_simulation_is_not_taken_for_none(own_run: Path) -> None:
     """Found by the campaign: `ldsim export` took another space than simulate had chosen, without a word."""
-    shutil.copytree(playable, tmp_path, dirs_exist_ok=True)
-    assert Run(tmp_path, "playable").chosen == "latent"
-    (tmp_path / "simulation.h5").write_bytes(b"damaged")
+    assert Run(own_run, "playable").chosen == "latent"
+    (own_run / "simulation.h5").write_bytes(b"damaged")
     with pytest.raises(ArtefactError, match="simulation.h5"):
-        _ = Run(tmp_path, "playable").chosen
+        _ = Run(own_run, "playable").chosen

@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -38,10 +37,9 @@ from ldsim.pipeline import ensemble
 from ldsim.pipeline.cluster import Workers, result
 from ldsim.pipeline.ensemble import run_motion, run_motions
 from tests.cli.experiments import TINY, Experiment
-from tests.helpers import changed
+from tests.helpers import WAIT, changed, wait_until
 from tests.pipeline.two_tets import made, run_here
 
-WAIT = 60.0
 FRAMES = 1000
 MOTIONS = ("a", "b")
 SOLVER = FullOptions()
@@ -63,13 +61,6 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def ldsim(command: str, config: Path) -> list[str]:
     return [sys.executable, "-m", "ldsim", command, str(config)]
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WAIT
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.002)
 
 
 def seconds_so_far(folder: Path, name: str) -> NDArray[np.float64]:

@@ -29,6 +29,7 @@ from ldsim.viewer.playground import play_server, record_server
 from ldsim.viewer.recorder import Recorder
 from ldsim.viewer.server import Client, Server, ServerError, hosts_at
 from ldsim.viewer.serving import serve
+from tests.helpers import wait_until
 from tests.simulator.playable import K, solid
 from tests.viewer.served import joined, origin, served
 
@@ -250,18 +251,11 @@ def test_a_page_that_leaves_lets_go_and_the_solid_stands_still(playable: Path) -
         tip = load(playable).surface.rest[-1].tolist()
         with joined(url) as page:
             page.send(json.dumps({"kind": "grab", "id": 1, "point": tip, "target": [0, 1, 0]}))
-            end = time.monotonic() + 30
-            while next_frame(page)[2] != 1:
-                assert time.monotonic() < end
+            wait_until(lambda: next_frame(page)[2] == 1)
         with joined(url) as page:
-            end = time.monotonic() + 30
-            while next_frame(page)[2] != 0:
-                assert time.monotonic() < end
+            wait_until(lambda: next_frame(page)[2] == 0)
         session = server._session
-        end = time.monotonic() + 30
-        while session._watched.is_set():
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        wait_until(lambda: not session._watched.is_set())
         time.sleep(0.3)
         number = session._number
         time.sleep(0.5)
@@ -273,10 +267,7 @@ def test_a_server_until_closed_ends_by_itself(playable: Path) -> None:
     with served(server) as url:
         with joined(url) as page:
             next_frame(page)
-        end = time.monotonic() + 60
-        while not server._ended.is_set():
-            assert time.monotonic() < end
-            time.sleep(0.1)
+        wait_until(server._ended.is_set)
 
 
 def test_the_grace_begins_anew_when_a_page_came_and_left_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,14 @@ from tests.helpers import bent
 from tests.simulator.playable import solid
 
 
-def session_of(playable: Path, said: list[str]) -> Session:
+@pytest.fixture
+def said() -> list[str]:
+    """What the page is told."""
+    return []
+
+
+@pytest.fixture
+def session(playable: Path, said: list[str]) -> Session:
     session = Session(lambda space: load(playable, space), ["latent", "linear", "full"], [load(playable, "linear")])
     session._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, said.append)
     return session
@@ -40,8 +47,7 @@ def pull(session: Session, simulator: Simulator) -> None:
     session.obey()
 
 
-def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_a_space_that_is_turned_on_takes_over_pose_pulls_and_time(session: Session) -> None:
     (linear,) = session._shown
     pull(session, linear)
     for _ in range(6):
@@ -78,9 +84,7 @@ def test_beside_the_full_space_the_error_is_told_now_and_so_far(playable: Path) 
     assert np.isnan(errors.of("linear")).all()
 
 
-def test_a_pull_at_a_pinned_place_is_told(playable: Path) -> None:
-    said: list[str] = []
-    session = session_of(playable, said)
+def test_a_pull_at_a_pinned_place_is_told(session: Session, said: list[str]) -> None:
     scene = session._shown[0].scene
     point = tuple(scene.mesh.vertices[scene.pinned][0].tolist())
     session.tell(1, protocol.GrabMessage(id=1, point=point, target=point))
@@ -88,8 +92,7 @@ def test_a_pull_at_a_pinned_place_is_told(playable: Path) -> None:
     assert len(said) == 1 and "pinned" in said[0]
 
 
-def test_a_page_that_leaves_lets_go_however_many_messages_wait(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_a_page_that_leaves_lets_go_however_many_messages_wait(session: Session) -> None:
     pull(session, session._shown[0])
     assert session.hands.held
     waiting = 0
@@ -101,8 +104,7 @@ def test_a_page_that_leaves_lets_go_however_many_messages_wait(playable: Path) -
     assert not session.hands.held and not session._shown[0].grabs
 
 
-def test_a_pull_that_goes_on_while_a_space_opens_costs_no_connection_and_lets_go(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_a_pull_that_goes_on_while_a_space_opens_costs_no_connection_and_lets_go(session: Session) -> None:
     pull(session, session._shown[0])
     assert all(session.tell(1, protocol.MoveMessage(id=5, target=(0.1, 0.0, 0.0))) for _ in range(5000))
     assert session.tell(1, protocol.ReleaseMessage(id=5))
@@ -110,9 +112,10 @@ def test_a_pull_that_goes_on_while_a_space_opens_costs_no_connection_and_lets_go
     assert not session.hands.held
 
 
-def test_a_stiffness_that_a_space_refuses_is_set_in_none(playable: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    session, scaled = session_of(playable, said), Simulator._scaled
+def test_a_stiffness_that_a_space_refuses_is_set_in_none(
+    session: Session, said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scaled = Simulator._scaled
     told(session, protocol.SpacesMessage(value=("full", "linear")))
 
     def refusing(simulator: Simulator, state: object, scale: float) -> object:
@@ -137,9 +140,7 @@ def stepped(session: Session, count: int) -> None:
         session.step()
 
 
-def test_undo_goes_back_to_before_the_last_pull_and_the_one_before_that(playable: Path) -> None:
-    said: list[str] = []
-    session = session_of(playable, said)
+def test_undo_goes_back_to_before_the_last_pull_and_the_one_before_that(session: Session, said: list[str]) -> None:
     (linear,) = session._shown
     stepped(session, 3)
     first = linear.save()
@@ -163,16 +164,13 @@ def test_undo_goes_back_to_before_the_last_pull_and_the_one_before_that(playable
     assert len(said) == 2 and said[-1].startswith("nothing to undo")  # the first told that a space is opened
 
 
-def test_a_pull_that_hits_nothing_leaves_nothing_to_undo(playable: Path) -> None:
-    said: list[str] = []
-    session = session_of(playable, said)
+def test_a_pull_that_hits_nothing_leaves_nothing_to_undo(session: Session, said: list[str]) -> None:
     told(session, protocol.GrabMessage(id=1, point=(99.0, 0.0, 0.0), target=(0.0, 0.0, 0.0)))
     told(session, protocol.ButtonMessage(kind="undo"))
     assert len(said) == 2 and "hits no vertex" in said[0] and said[1].startswith("nothing to undo")
 
 
-def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(session: Session) -> None:
     (linear,) = session._shown
     pull(session, linear)
     told(session, protocol.GravityMessage(value=(0, 0, 1)), protocol.NumberMessage(kind="stiffness", value=2.0))
@@ -181,9 +179,8 @@ def test_an_undo_keeps_gravity_and_stiffness_as_they_are_now(playable: Path) -> 
 
 
 @pytest.mark.parametrize("shown", ["linear", "full"])
-def test_an_undo_brings_back_no_pull_of_a_page_that_has_left(playable: Path, shown: str) -> None:
+def test_an_undo_brings_back_no_pull_of_a_page_that_has_left(session: Session, shown: str) -> None:
     """Which nobody could let go; what another page holds comes back."""
-    session = session_of(playable, [])
     (linear,) = session._shown
     pull(session, linear)
     other = tuple(linear.surface.rest[linear.surface.rest[:, 0].argmax()].tolist())
@@ -205,8 +202,7 @@ def a_motion(simulator: Simulator) -> Motion:
     return Motion("up", 6, (Drag(1, tip, targets, 0.03, 25.0),), gravity=down)
 
 
-def test_a_motion_of_the_run_is_played_in_every_space_as_it_ran(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_a_motion_of_the_run_is_played_in_every_space_as_it_ran(session: Session) -> None:
     motion = a_motion(session._shown[0])
     session.player.add("up", PlayedMotion(motion, "test"))
     told(session, protocol.SpacesMessage(value=("linear", "full")))
@@ -222,9 +218,8 @@ def test_a_motion_of_the_run_is_played_in_every_space_as_it_ran(playable: Path) 
     assert not session.player.playing and full.gravity.tolist() == list(session.look.gravity)
 
 
-def test_an_undo_of_a_reset_or_a_second_start_leaves_no_pull_of_the_motion_behind(playable: Path) -> None:
+def test_an_undo_of_a_reset_or_a_second_start_leaves_no_pull_of_the_motion_behind(session: Session) -> None:
     """Which no page would show, and nobody could let go."""
-    session = session_of(playable, [])
     (linear,) = session._shown
     session.player.add("up", PlayedMotion(a_motion(linear)))
     for again in (protocol.ButtonMessage(kind="reset"), protocol.SwitchMessage(kind="replay", value=True)):
@@ -235,8 +230,7 @@ def test_an_undo_of_a_reset_or_a_second_start_leaves_no_pull_of_the_motion_behin
         assert not linear.grabs and not session.hands.held and not session.player.playing
 
 
-def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(playable: Path) -> None:
-    session = session_of(playable, [])
+def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(session: Session) -> None:
     session.player.add("up", PlayedMotion(a_motion(session._shown[0])))
     told(session, protocol.SwitchMessage(kind="replay", value=True))
     stepped(session, 3)
@@ -250,14 +244,15 @@ def test_a_hand_ends_the_motion_that_is_played_and_its_pull_is_shown_until_then(
     assert session._simulated == 0.0
 
 
-def recording_session(path: Path, said: list[str]) -> Session:
-    """On the full space of a beam; further spaces are offered, and cannot be opened."""
+@pytest.fixture
+def recording(tmp_path: Path, said: list[str]) -> Session:
+    """On the full space of a beam, into m.csv; further spaces are offered, and cannot be opened."""
     simulator = full_simulator(solid(1))
 
     def missing(space: str) -> Simulator:
         raise LdsimError(f"there is no {space} space")
 
-    session = Session(missing, ["full", "latent"], [simulator], Recorder(path, (25.0, 0.03), {}))
+    session = Session(missing, ["full", "latent"], [simulator], Recorder(tmp_path / "m.csv", (25.0, 0.03), {}))
     session._audience = Audience(lambda _: None, lambda _, __: None, lambda _: None, said.append)
     return session
 
@@ -276,57 +271,58 @@ def hold(session: Session, at: tuple[float, float, float]) -> protocol.GrabMessa
 RECORD, STOP = (protocol.SwitchMessage(kind="record", value=value) for value in (True, False))
 
 
-def test_a_recording_does_not_go_back_to_rest_under_the_hand(tmp_path: Path) -> None:
-    said: list[str] = []
-    session = recording_session(tmp_path / "m.csv", said)
-    told(session, RECORD)
-    first = hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 3)
-    moved = session._shown[0].displacement()
-    told(session, protocol.ButtonMessage(kind="reset"))
+def test_a_recording_does_not_go_back_to_rest_under_the_hand(
+    recording: Session, said: list[str], tmp_path: Path
+) -> None:
+    told(recording, RECORD)
+    first = hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 3)
+    moved = recording._shown[0].displacement()
+    told(recording, protocol.ButtonMessage(kind="reset"))
     assert said[-1] == "a recording does not go back to rest; stop it, then record another take"
-    np.testing.assert_array_equal(session._shown[0].displacement(), moved)
-    hold(session, (0.5, 0.0, 0.0))  # there is but one hand, and it still holds
-    stepped(session, 2)
-    told(session, STOP)
+    np.testing.assert_array_equal(recording._shown[0].displacement(), moved)
+    hold(recording, (0.5, 0.0, 0.0))  # there is but one hand, and it still holds
+    stepped(recording, 2)
+    told(recording, STOP)
     (drag,) = read_recording(tmp_path / "m.csv", "m").drags
     np.testing.assert_array_equal(drag.point, first.point)
     np.testing.assert_array_equal(drag.targets, [first.target] * 5)
 
 
-def test_a_recording_begins_with_the_gravity_and_the_stiffness_of_the_configuration(tmp_path: Path) -> None:
+def test_a_recording_begins_with_the_gravity_and_the_stiffness_of_the_configuration(
+    recording: Session, tmp_path: Path
+) -> None:
     """Its file holds neither."""
-    session = recording_session(tmp_path / "m.csv", [])
-    (simulator,) = session._shown
+    (simulator,) = recording._shown
     own = simulator.scene.gravity.tolist()
-    told(session, protocol.GravityMessage(value=(0, 0, 1)), protocol.NumberMessage(kind="stiffness", value=2.0))
+    told(recording, protocol.GravityMessage(value=(0, 0, 1)), protocol.NumberMessage(kind="stiffness", value=2.0))
     assert simulator.gravity.tolist() == [0, 0, 1] and simulator.material_scale == 2.0
-    told(session, RECORD)
+    told(recording, RECORD)
     assert simulator.gravity.tolist() == own and simulator.material_scale == 1.0
-    assert list(session.look.gravity) == own and session.look.stiffness == 1.0  # as the controls show it
-    hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 4)
+    assert list(recording.look.gravity) == own and recording.look.stiffness == 1.0  # as the controls show it
+    hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 4)
     felt = simulator.displacement()
-    told(session, STOP)
+    told(recording, STOP)
     replayed = list(simulate(FullStepper(simulator.scene), read_recording(tmp_path / "m.csv", "m")))[-1].state.u
     np.testing.assert_allclose(felt, replayed, atol=1e-7)
 
 
-def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_again(tmp_path: Path) -> None:
-    said: list[str] = []
-    session = recording_session(tmp_path / "m.csv", said)
-    told(session, STOP)
+def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_again(
+    recording: Session, said: list[str], tmp_path: Path
+) -> None:
+    told(recording, STOP)
     assert not said
-    told(session, RECORD)
-    hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 3)
-    told(session, RECORD)
-    stepped(session, 2)
-    told(session, STOP)
-    hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 1)
-    told(session, STOP)
-    assert session.hands.held and len(said) == 2
+    told(recording, RECORD)
+    hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 3)
+    told(recording, RECORD)
+    stepped(recording, 2)
+    told(recording, STOP)
+    hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 1)
+    told(recording, STOP)
+    assert recording.hands.held and len(said) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
     motion = read_recording(tmp_path / "m.csv", "m")
     assert motion.frames == 5 and [(drag.start, drag.stop) for drag in motion.drags] == [(0, 5)]
@@ -342,64 +338,57 @@ def test_a_recording_that_runs_is_not_begun_anew_and_one_that_ended_not_ended_ag
     ids=["stiffness", "gravity", "space"],
 )
 def test_what_is_refused_is_followed_by_what_the_controls_shall_show(
-    tmp_path: Path, message: protocol.Message, words: str
+    recording: Session, said: list[str], message: protocol.Message, words: str
 ) -> None:
-    said: list[str] = []
-    session = recording_session(tmp_path / "m.csv", said)
-    told(session, RECORD)
+    told(recording, RECORD)
     statuses: list[dict[str, object]] = []
-    session._audience.status = statuses.append
-    before = session.status()
-    told(session, message)
+    recording._audience.status = statuses.append
+    before = recording.status()
+    told(recording, message)
     assert words in said[-1] and statuses == [before]
 
 
-def test_a_take_that_cannot_be_written_leaves_the_button_to_record_another(tmp_path: Path) -> None:
-    said: list[str] = []
-    folder = tmp_path / "takes"
-    folder.mkdir()
-    session = recording_session(folder / "m.csv", said)
-    told(session, RECORD)
-    stepped(session, 2)
-    folder.rmdir()
-    folder.touch()
+def test_a_take_that_cannot_be_written_leaves_the_button_to_record_another(
+    recording: Session, said: list[str], tmp_path: Path
+) -> None:
+    told(recording, RECORD)
+    stepped(recording, 2)
+    tmp_path.rmdir()
+    tmp_path.touch()
     statuses: list[dict[str, object]] = []
-    session._audience.status = statuses.append
-    told(session, STOP)
+    recording._audience.status = statuses.append
+    told(recording, STOP)
     assert "m.csv cannot be written" in said[-1]
     assert [status["recorder"] for status in statuses] == [{"recording": False, "file": "m.csv"}]
 
 
 def test_an_error_in_a_step_ends_a_recording_with_the_frames_before_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Session, said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[str] = []
-    session = recording_session(tmp_path / "m.csv", said)
-    told(session, RECORD)
-    first = hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 3)
+    told(recording, RECORD)
+    first = hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 3)
     with monkeypatch.context() as broken:
         broken.setattr(Simulator, "step", lambda _: 1 / 0)
-        session._tick(1.0)
+        recording._tick(1.0)
     path = tmp_path / "m.csv"
     assert said[-1].endswith(
         f"in a step: {ZeroDivisionError('division by zero')!r}; the recording ends before it, {path}: 3 frames, 1 pull"
     )
-    hold(session, (0.5, 0.0, 0.0))
-    stepped(session, 2)
+    hold(recording, (0.5, 0.0, 0.0))
+    stepped(recording, 2)
     motion = read_recording(path, "m")
     np.testing.assert_array_equal(motion.drags[0].targets, [first.target] * 3)
-    assert motion.frames == 3 and not session._recording
+    assert motion.frames == 3 and not recording._recording
 
 
-def test_the_end_of_the_session_writes_a_recording_that_runs_and_says_so(tmp_path: Path) -> None:
-    session = recording_session(tmp_path / "m.csv", [])
-    told(session, RECORD)
-    first = hold(session, (1.0, 0.0, 0.0))
-    stepped(session, 3)
-    session.stop()
-    session.run()
-    assert session.farewell == f"the recording ends here, {tmp_path / 'm.csv'}: 3 frames, 1 pull"
+def test_the_end_of_the_session_writes_a_recording_that_runs_and_says_so(recording: Session, tmp_path: Path) -> None:
+    told(recording, RECORD)
+    first = hold(recording, (1.0, 0.0, 0.0))
+    stepped(recording, 3)
+    recording.stop()
+    recording.run()
+    assert recording.farewell == f"the recording ends here, {tmp_path / 'm.csv'}: 3 frames, 1 pull"
     np.testing.assert_array_equal(read_recording(tmp_path / "m.csv", "m").drags[0].targets, [first.target] * 3)
 
 
