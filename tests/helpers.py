@@ -19,10 +19,11 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.properties import Properties
 from ldsim.mechanics.scene import Scene, make_scene
 from ldsim.mesh.mesh import Mesh
-from ldsim.space.basis import Basis
+from ldsim.space.basis import Basis, inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
+from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
 
 STEPS = 1e-2 / 2.0 ** np.arange(7)
@@ -101,6 +102,22 @@ def scene(
     numbers: dict[str, Any] = {"gravity": (0.0, -9.81, 0.0), "time_step": 0.01} | given
     numbers |= {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     return uniform_scene(mesh, x < x.min() + 1e-9, material=material, **numbers)
+
+
+def unit_basis(body: Scene) -> Array:
+    """Every displacement of the free vertices, (3n, 3f)."""
+    U = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
+    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
+    U[rows, np.arange(len(rows))] = 1
+    return U
+
+
+def smooth_basis(body: Scene, k: int) -> Array:
+    """Smooth displacements that vanish where x is smallest, mass-orthonormal, (3n, k)."""
+    x, rng = body.mesh.vertices, np.random.default_rng(0)
+    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
+    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
+    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass")).matrix
 
 
 def wait_until(condition: Callable[[], bool]) -> None:

@@ -118,6 +118,15 @@ def test_small_motions_move_what_is_slaved_as_the_solid_does(condensed: Experime
         assert space.decoder.k == 3 + SMALL["features"] + 3 + SMALL["columns"] + len(space.squares)
 
 
+def swung(run: Run) -> tuple[Space, Space]:
+    """The space without modes, and what is made of it where four may swing."""
+    model = run.model
+    assert model.potential is not None
+    networks = model.decoder, model.encoder
+    space = Space.condensed(run.scene, run.basis_of("latent"), networks, model.potential)
+    return space, swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
+
+
 @pytest.mark.parametrize("validation, better", [(0.014, True), (0.015, False), (np.inf, False)])
 def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geometric_mean(
     condensed: Experiment, validation: float, better: bool, monkeypatch: pytest.MonkeyPatch
@@ -130,13 +139,10 @@ def test_modes_swing_where_motions_of_both_roles_are_a_tenth_less_off_in_the_geo
             return 0.02
         return validation if names == run.snapshots.with_role("validation") else 0.0225
 
+    monkeypatch.setattr(swing, "online_error", error)
+    monkeypatch.setattr(SILENT, "tell", told.append)
     with Run(condensed.run) as run:
-        model, basis = run.model, run.basis_of("latent")
-        assert model.potential is not None
-        space = Space.condensed(run.scene, basis, (model.decoder, model.encoder), model.potential)
-        monkeypatch.setattr(swing, "online_error", error)
-        monkeypatch.setattr(SILENT, "tell", told.append)
-        found = swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
+        space, found = swung(run)
         assert judged == [run.snapshots.with_role(role) for role in ("train", "validation")] * 3
     assert len(found.squares) == (4 if better else 0) and (found is space) != better
     (line,) = told
@@ -151,14 +157,11 @@ def test_what_modes_have_of_a_dent_turns_where_that_is_less_off_and_is_kept_with
     def error(run: Run, space: Space, names: list[str], update: Callable[[], object]) -> float:
         return 0.02 if not len(space.squares) else 0.010 if space.turns == turns else 0.011
 
+    monkeypatch.setattr(swing, "online_error", error)
     with Run(condensed.run) as run:
-        model, basis = run.model, run.basis_of("latent")
-        assert model.potential is not None
-        space = Space.condensed(run.scene, basis, (model.decoder, model.encoder), model.potential)
-        monkeypatch.setattr(swing, "online_error", error)
-        found = swing.better_swinging(run, space, Relaxation(run.scene, coordinates(run)), 4, SILENT)
+        _, found = swung(run)
         assert len(found.squares) == 4 and found.turns == turns
-        write_model(tmp_path / "model.h5", run.header("model"), replace(model, squares=found.squares, turns=turns))
+        write_model(tmp_path / "model.h5", run.header("model"), replace(run.model, squares=found.squares, turns=turns))
     assert read_model(tmp_path / "model.h5")[0].turns == turns
 
 

@@ -1,4 +1,4 @@
-"""Small solids and poses for the tests of cubature, built here from cubes."""
+"""Small solids and poses for the tests of cubature."""
 
 from __future__ import annotations
 
@@ -13,19 +13,16 @@ from ldsim.cubature.samples import PoseSpace
 from ldsim.cubature.terms import ForceTerm
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.materials.kernels import energy
-from ldsim.mechanics.properties import lame_parameters
 from ldsim.mechanics.scene import Scene
-from ldsim.mesh.mesh import Mesh
+from ldsim.mesh.shapes import voxel_mesh
 from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
+from tests.helpers import uniform_scene
 
 Array = NDArray[np.float64]
-
-# Kuhn's split of a cube in VTK's corner order: six tets around the diagonal 0–6.
-KUHN = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +78,11 @@ class GivenColumns:
         return product
 
 
-def beam_mesh(cubes: tuple[int, int, int], cell_type: str, edge: float = 0.1) -> Mesh:
-    """A beam along x of unit cubes, or of six tets a cube."""
-    nx, ny, nz = cubes
-    grid = np.stack(np.meshgrid(*(np.arange(c + 1) for c in cubes), indexing="ij"), axis=-1).reshape(-1, 3)
-    i, j, k = (a.ravel() for a in np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"))
-    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
-    x, y, z = (np.stack([i, j, k], axis=1)[:, None] + corners).transpose(2, 0, 1)
-    cells = (x * (ny + 1) + y) * (nz + 1) + z
-    if cell_type == "tet4":
-        cells = cells[:, KUHN].reshape(-1, 4)
-    return Mesh(edge * grid, cells.astype(np.int32), cell_type)
-
-
 def beam_scene(cubes: tuple[int, int, int], cell_type: str, material: str = "stable_neo_hookean") -> Scene:
-    mesh = beam_mesh(cubes, cell_type)
-    mu, lam = lame_parameters(1e6, 0.4)
-    cells = np.ones(mesh.n_cells)
-    return Scene(
-        mesh=mesh,
-        material=np.full(mesh.n_cells, MATERIALS[material], dtype=np.int8),
-        mu=mu * cells,
-        lam=lam * cells,
-        density=1e3 * cells,
-        pinned=mesh.vertices[:, 0] == 0,
-        gravity=np.array([0.0, 0.0, -9.81]),
-        time_step=0.01,
-    )
+    """A beam along x of cubes, or of six tets a cube, pinned at its left."""
+    mesh = voxel_mesh(np.ones(cubes, dtype=bool), 0.1, cell_type)
+    given = {"youngs_modulus": 1e6, "poisson_ratio": 0.4, "gravity": (0.0, 0.0, -9.81), "time_step": 0.01}
+    return uniform_scene(mesh, mesh.vertices[:, 0] == 0, material=material, **given)
 
 
 def two_materials(scene: Scene) -> Scene:

@@ -15,13 +15,7 @@ from ldsim.cubature.rule import CubatureRule
 from ldsim.cubature.system import System
 from ldsim.cubature.terms import ForceTerm, Term
 from ldsim.errors import SolverError
-from tests.cubature.cubature_problems import (
-    GivenColumns,
-    Problem,
-    beam_scene,
-    latent_problem,
-    linear_problem,
-)
+from tests.cubature.cubature_problems import GivenColumns, Problem, beam_scene, latent_problem, linear_problem
 
 TOLERANCE = 0.05
 

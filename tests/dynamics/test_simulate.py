@@ -22,8 +22,8 @@ from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason, Solution
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from tests.dynamics.reduced.solids import curved, some_basis
-from tests.helpers import reduced_space, scene
+from tests.dynamics.reduced.solids import curved
+from tests.helpers import reduced_space, scene, smooth_basis
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def full() -> FullStepper:
 
 
 def reduced(decoder: Decoder) -> ReducedStepper:
-    space = reduced_space(BODY, some_basis(BODY, 6), decoder, lifting=Lifting.of(BODY, [busy()]))
+    space = reduced_space(BODY, smooth_basis(BODY, 6), decoder, lifting=Lifting.of(BODY, [busy()]))
     return ReducedStepper(space, ReducedOptions(tolerance=1e-8))
 
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 import json
 import socket
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
-from ldsim.viewer.playground import play_server
 from ldsim.viewer.protocol import ProtocolError, parse
 from ldsim.viewer.server import MAX_PAGES, MAX_TEXTS, Client
-from tests.viewer.served import joined, served
+from reproduction.faults.page import KINDS, VALUES
+from tests.viewer.served import joined
 from tests.viewer.test_server import next_frame, status_of
+from tests.viewer.test_server import url as url
 
 MESSAGES = {
     "an integer of 400 digits": '{"kind": "grab", "id": ' + "9" * 400 + ', "point": [0,0,0], "target": [0,0,0]}',
@@ -30,12 +29,6 @@ MESSAGES = {
     "a key twice": '{"kind": "step", "kind": "reset", "id": 1}',
     "nothing": "",
 }
-
-
-@pytest.fixture(scope="module")
-def url(playable: Path) -> Iterator[str]:
-    with served(play_server(playable, ["latent"], 0, until_closed=False)) as address:
-        yield address
 
 
 @pytest.mark.parametrize("case", MESSAGES)
@@ -81,40 +74,14 @@ def test_bytes_that_are_no_request_leave_the_page_as_it_was(url: str) -> None:
 
 def test_messages_drawn_at_random_never_silence_the_page(url: str) -> None:
     rng = np.random.default_rng(6)
-    kinds = [
-        "grab",
-        "move",
-        "release",
-        "gravity",
-        "stiffness",
-        "speed",
-        "pause",
-        "step",
-        "reset",
-        "spaces",
-        "colour",
-        "x",
-    ]
-    values: list[object] = [
-        0,
-        1e6,
-        -1e6,
-        True,
-        [0, 0, 0],
-        [1e6, -1e6, 1e6],
-        ["latent"],
-        ["full", "linear"],
-        "strain",
-        None,
-    ]
     for _ in range(150):
         with joined(url) as page:
             try:
                 for _ in range(rng.integers(1, 8)):
-                    words = {"kind": kinds[rng.integers(len(kinds))]}
+                    words: dict[str, object] = {"kind": KINDS[rng.integers(len(KINDS))]}
                     fields = ["id", "point", "target", "value"]
                     picked = rng.permutation(fields)[: rng.integers(0, 5)]
-                    page.send(json.dumps(words | {name: values[rng.integers(len(values))] for name in picked}))
+                    page.send(json.dumps(words | {name: VALUES[rng.integers(len(VALUES))] for name in picked}))
             except WebSocketException:
                 pass
     with joined(url) as page:

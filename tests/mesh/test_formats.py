@@ -141,24 +141,18 @@ PAIR = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [9, 9,
 BLOCKS = [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]])), ("triangle", np.array([[0, 1, 2], [0, 1, 3]]))]
 
 
-def gmsh(folder: Path) -> Path:
-    """Named groups beside a face without one, and a number without a name, as in Gmsh's format 2.2."""
-    tags = [np.array([7, 8]), np.array([3, 0])]
-    names = {"inner": np.array([7, 3]), "foot": np.array([3, 2])}
-    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    path = folder / "a.msh"
-    meshio.Mesh(PAIR, BLOCKS, cell_data=data, field_data=names).write(path, file_format="gmsh22", binary=False)
-    return path
+def gmsh(names: dict[str, tuple[int, int]]) -> Callable[[Path], Path]:
+    """Named groups, by number and dimension, beside a face without one, as in Gmsh's format 2.2."""
 
+    def write(folder: Path) -> Path:
+        tags = [np.array([7, 8]), np.array([3, 0])]
+        data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+        fields = {name: np.array(number) for name, number in names.items()}
+        mesh = meshio.Mesh(PAIR, BLOCKS, cell_data=data, field_data=fields)
+        mesh.write(folder / "a.msh", file_format="gmsh22", binary=False)
+        return folder / "a.msh"
 
-def gmsh_with_slashes(folder: Path) -> Path:
-    """Names that are no names of HDF5, and two that become the same."""
-    tags = [np.array([7, 8]), np.array([3, 0])]
-    names = {"a/b": np.array([7, 3]), "a_b": np.array([8, 3]), ".": np.array([3, 2])}
-    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    path = folder / "a.msh"
-    meshio.Mesh(PAIR, BLOCKS, cell_data=data, field_data=names).write(path, file_format="gmsh22", binary=False)
-    return path
+    return write
 
 
 def medit_with_numbers(folder: Path) -> Path:
@@ -177,8 +171,14 @@ def abaqus(folder: Path) -> Path:
 
 Parts = dict[str, tuple[list[int], list[int]]]
 GROUPED: dict[str, tuple[Callable[[Path], Path], Parts]] = {
-    "gmsh": (gmsh, {"inner": ([0, 1, 2, 3], [0]), "cells_8": ([1, 2, 3, 4], [1]), "foot": ([0, 1, 2], [])}),
-    "slashes": (gmsh_with_slashes, {"a_b": ([0, 1, 2, 3, 4], [0, 1]), "unnamed": ([0, 1, 2], [])}),
+    "gmsh": (
+        gmsh({"inner": (7, 3), "foot": (3, 2)}),  # and a number without a name
+        {"inner": ([0, 1, 2, 3], [0]), "cells_8": ([1, 2, 3, 4], [1]), "foot": ([0, 1, 2], [])},
+    ),
+    "slashes": (
+        gmsh({"a/b": (7, 3), "a_b": (8, 3), ".": (3, 2)}),  # no names of HDF5, and two that become the same
+        {"a_b": ([0, 1, 2, 3, 4], [0, 1]), "unnamed": ([0, 1, 2], [])},
+    ),
     "medit": (
         medit_with_numbers,
         {"cells_5": ([1, 2, 3, 4], [1]), "faces_2": ([0, 1, 2, 3], []), "points_4": ([2, 3], [])},

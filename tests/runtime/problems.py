@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ldsim.arrays import Array
 from ldsim.cubature.rule import CubatureRule
 from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
@@ -20,16 +19,16 @@ from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.space.activation import ACTIVATIONS
 from ldsim.space.anchors import Anchors
-from ldsim.space.basis import Basis, inner_product
+from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import IDENTITY
 from ldsim.space.lifting import Lifting
 from ldsim.space.modes import slowest_modes
 from ldsim.space.novelty import Novelty
-from ldsim.space.pca import orthonormal_rows, orthonormalised
+from ldsim.space.pca import orthonormal_rows
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
-from tests.helpers import reduced_space, scene
+from tests.helpers import reduced_space, scene, smooth_basis
 
 K, R = 6, 4
 
@@ -39,14 +38,6 @@ def body(material: str = "neo_hookean", resolution: int = 1) -> Scene:
     solid = scene(beam(resolution=resolution), material, youngs_modulus=5e4)
     load = np.random.default_rng(2).normal(size=solid.mesh.vertices.shape)
     return replace(solid, load=load * 0.3 * np.abs(solid.external_force).max())
-
-
-def smooth_basis(solid: Scene, k: int = K) -> Array:
-    """Smooth displacements that vanish at the pins, mass-orthonormal, (3n, k)."""
-    x, rng = solid.mesh.vertices, np.random.default_rng(0)
-    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
-    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
-    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(solid.mass, "mass")).matrix
 
 
 def curved(activation: str = "elu", skip: bool = True, layers: int = 2) -> Decoder:
@@ -85,13 +76,13 @@ def latent(material: str = "neo_hookean", decoder: Decoder | None = None) -> Spa
     solid = body(material)
     rng = np.random.default_rng(5)
     novelty = Novelty(0.01 * rng.normal(size=(12, R)), 0.02, 1.5)
-    space = reduced_space(solid, smooth_basis(solid), curved() if decoder is None else decoder, thinned(solid))
+    space = reduced_space(solid, smooth_basis(solid, K), curved() if decoder is None else decoder, thinned(solid))
     return replace(space, novelty=novelty)
 
 
 def linear(material: str = "neo_hookean") -> Space:
     solid = body(material)
-    return reduced_space(solid, smooth_basis(solid), None, thinned(solid))
+    return reduced_space(solid, smooth_basis(solid, K), None, thinned(solid))
 
 
 def mixed(decoder: Decoder | None = None) -> Space:
@@ -100,7 +91,7 @@ def mixed(decoder: Decoder | None = None) -> Space:
     material = solid.material.copy()
     material[::2] = material_number("stable_neo_hookean")
     solid = replace(solid, material=material)
-    U = smooth_basis(solid) @ (np.eye(K) + 0.2 * np.random.default_rng(3).normal(size=(K, K)))
+    U = smooth_basis(solid, K) @ (np.eye(K) + 0.2 * np.random.default_rng(3).normal(size=(K, K)))
     return reduced_space(solid, U, curved() if decoder is None else decoder, thinned(solid))
 
 

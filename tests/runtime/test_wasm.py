@@ -25,10 +25,10 @@ from ldsim.run import Run
 from ldsim.runtime import webassembly
 from ldsim.runtime.model_file import checksum, model_bytes, pieces
 from ldsim.space.space import Space
-from tests.helpers import reduced_space, scene
+from tests.helpers import reduced_space, scene, smooth_basis
 from tests.report.small_run import write_run
 from tests.runtime.javascript import NODE, needs_chromium, needs_node, run_in_chromium, run_javascript
-from tests.runtime.problems import SPACES, latent, loads, smooth_basis
+from tests.runtime.problems import SPACES, latent, loads
 from tools import wasm
 
 FRAMES = 1000
@@ -145,7 +145,7 @@ def test_a_thousand_frames_with_grabs_agree_in_every_space_and_material(
 @needs_node
 def test_a_pull_in_a_page_takes_hold_of_the_same_vertices() -> None:
     body = scene(beam(resolution=2))
-    space = reduced_space(body, smooth_basis(body), rule=CubatureRule(np.arange(3), np.ones(3), 0.0))
+    space = reduced_space(body, smooth_basis(body, 6), rule=CubatureRule(np.arange(3), np.ones(3), 0.0))
     x = body.mesh.vertices
     point, radius = x[x[:, 0].argmax()] + 1e-3, 0.7 * np.ptp(x[:, 1])
     expected = held_vertices(Drag(0, point, point[None], radius, 1.0), x, body.movable, body.mesh.diagonal)

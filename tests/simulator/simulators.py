@@ -37,10 +37,3 @@ def every_kind(body: Scene = BODY) -> list[Simulator]:
 
 
 kinds = pytest.mark.parametrize("kind", range(3), ids=["latent", "linear", "full"])
-
-
-def unit_basis(body: Scene) -> Array:
-    U = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
-    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
-    U[rows, np.arange(len(rows))] = 1
-    return U

@@ -18,10 +18,10 @@ from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.pca import orthonormalised
 from reproduction.bench.soak import soak
-from tests.helpers import reduced_space
+from tests.helpers import reduced_space, unit_basis
 from tests.simulator.playable import curved_decoder, modes, solid
 from tests.simulator.reluctant import ENDINGS, Reluctant
-from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced, unit_basis
+from tests.simulator.simulators import BODY, TIP, UP, every_kind, kinds, reduced
 from tests.space.test_modes import condensed
 
 

@@ -10,8 +10,7 @@ from ldsim.mesh.shapes import beam
 from ldsim.space.anchors import Anchors, interpolation, interpolator
 from ldsim.space.basis import Basis
 from ldsim.space.relaxation import Relaxation
-from tests.helpers import scene
-from tests.runtime.problems import smooth_basis
+from tests.helpers import scene, smooth_basis
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,9 @@ from ldsim.mechanics.grabs import Grab
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
-from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
-from ldsim.space.pca import orthonormalised
 from ldsim.space.space import Space
-from tests.helpers import reduced_space, scene
+from tests.helpers import reduced_space, scene, smooth_basis
 
 K, R = 6, 3
 
@@ -32,12 +30,7 @@ def body(material: str = "neo_hookean") -> Scene:
 
 @cache
 def basis(body: Scene) -> Array:
-    """Smooth displacements, mass-orthonormal, (3n, K)."""
-    x, rng = body.mesh.vertices, np.random.default_rng(0)
-    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
-    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + 5 * x @ rng.normal(size=(3, 3))) for i in range(K)]
-    held = [np.where(body.pinned[:, None], 0.0, field).ravel() for field in fields]
-    return orthonormalised(np.stack(held, axis=1), inner_product(body.mass, "mass")).matrix
+    return smooth_basis(body, K)
 
 
 def curved(activation: str = "elu") -> Decoder:

@@ -21,7 +21,6 @@ from ldsim.dynamics.reduced.state import ReducedState
 from ldsim.errors import MotionError, SolverError
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
-from ldsim.mechanics.motion import Motion, Support
 from ldsim.mechanics.pins import MovedPins
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
@@ -30,6 +29,7 @@ from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 from tests.dynamics.batched.solids import K, R, basis, batched, body, curved, march, pulls, serial
+from tests.dynamics.reduced.solids import placed, shaken
 from tests.helpers import derivative_order, reduced_space, scene
 
 Array = NDArray[np.float64]
@@ -238,12 +238,6 @@ def of_cells(cell_type: str) -> Scene:
     return scene(beam(resolution=1, cell_type=cell_type), youngs_modulus=3e4)
 
 
-def shaken(some: Scene, frames: int, seed: int) -> Motion:
-    """All pins carried and turned along a crooked path."""
-    turns = np.random.default_rng(seed).normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003]
-    return Motion("shaken", frames, supports=(Support(np.flatnonzero(some.pinned), np.eye(3, 4) + turns.cumsum(0)),))
-
-
 def movable(some: Scene, decoder: Decoder) -> Space:
     """A space that is prepared for pins that move."""
     lifting = Lifting.of(some, [shaken(some, 1, 0)])
@@ -254,8 +248,7 @@ def moved(some: Scene, frames: int, seed: int) -> list[Loads]:
     """A pull, a gravity that turns, and pins that move, frame by frame."""
     motion, pulled = shaken(some, frames, seed), pulls(some, seed)
     swing = [np.array([3.0 * np.sin(frame + seed), -9.81, 2.0]) for frame in range(frames)]
-    places = [[MovedPins(each.vertices, each.maps[frame]) for each in motion.supports] for frame in range(frames)]
-    return [pulled._replace(gravity=g, pins=tuple(pins)) for g, pins in zip(swing, places, strict=True)]
+    return [pulled._replace(gravity=g, pins=placed(motion, frame)) for frame, g in enumerate(swing)]
 
 
 @pytest.mark.parametrize("decoder", [Decoder.identity(K), curved()], ids=["linear", "latent"])

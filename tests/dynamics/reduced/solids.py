@@ -21,7 +21,7 @@ from ldsim.space.basis import inner_product
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
 from ldsim.space.pca import orthonormalised
-from tests.helpers import reduced_space, scene
+from tests.helpers import reduced_space, scene, unit_basis
 
 Array = NDArray[np.float64]
 
@@ -31,20 +31,7 @@ HEX = scene(beam(resolution=1, cell_type="hex8"), youngs_modulus=3e4)
 
 def full_basis(body: Scene) -> Array:
     """Every displacement of the free vertices, mass-orthonormal, (3n, 3f)."""
-    unit = np.zeros((3 * body.mesh.n_vertices, 3 * len(body.free)))
-    rows = (3 * body.free[:, None] + np.arange(3)).ravel()
-    unit[rows, np.arange(len(rows))] = 1
-    return orthonormalised(unit, inner_product(body.mass, "mass")).matrix
-
-
-def some_basis(body: Scene, k: int, seed: int = 0) -> Array:
-    """The k softest modes' worth of smooth displacements, (3n, k)."""
-    x = body.mesh.vertices
-    rng = np.random.default_rng(seed)
-    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
-    fields = [s[:, None] ** (1 + i % 3) * (rng.normal(size=3) + x @ rng.normal(size=(3, 3)) * 5) for i in range(k)]
-    fields = [np.where(body.pinned[:, None], 0.0, field) for field in fields]
-    return orthonormalised(np.stack([f.ravel() for f in fields], axis=1), inner_product(body.mass, "mass")).matrix
+    return orthonormalised(unit_basis(body), inner_product(body.mass, "mass")).matrix
 
 
 def curved(k: int, r: int) -> Decoder:
@@ -78,9 +65,9 @@ def run(some: ReducedStepper, loads: Loads, frames: int) -> list[ReducedState]:
     return states[1:]
 
 
-def shaken(body: Scene, frames: int) -> Motion:
+def shaken(body: Scene, frames: int, seed: int = 5) -> Motion:
     """All pins carried and turned along a crooked path."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     maps = np.eye(3, 4) + np.cumsum(rng.normal(size=(frames, 3, 4)) * [0.02, 0.02, 0.02, 0.003], axis=0)
     return Motion("shaken", frames, supports=(Support(np.flatnonzero(body.pinned), maps),))
 

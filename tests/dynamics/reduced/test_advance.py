@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from ldsim.dynamics.reduced.advance import extrapolate
 from ldsim.dynamics.reduced.state import ReducedState, fields
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from tests.dynamics.reduced.solids import TET, curved, pull, run, some_basis, stepper
+from tests.dynamics.reduced.solids import TET, curved, pull, run, stepper
+from tests.helpers import smooth_basis
 
 Array = NDArray[np.float64]
 
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 def test_a_step_that_does_not_extrapolate_starts_where_the_last_one_ended() -> None:
     """So a solid that is in equilibrium already needs no iteration, whatever its last change was."""
     for goes_on in (False, True):
-        some = stepper(TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=goes_on)
+        some = stepper(TET, smooth_basis(TET, 6), curved(6, 4), quasistatic=True, extrapolate=goes_on)
         state = some.rest()
         for reach in (0.01, 0.02, 0.03, 0.03):
             state, solution = some.step(state, pull(TET, reach))
@@ -24,7 +25,7 @@ def test_a_step_that_does_not_extrapolate_starts_where_the_last_one_ended() -> N
 
 
 def test_the_guess_follows_a_polynomial_and_falls_back_after_a_jolt() -> None:
-    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    some = stepper(TET, smooth_basis(TET, 6), curved(6, 4))
     t = np.arange(9.0)
     path = np.stack([np.ones(9), t, t**3 - 4 * t**2, 0.1 * t**5], axis=1)
     guesses = [state.guess for state in along(some, path)]
@@ -49,7 +50,7 @@ def along(some: ReducedStepper, path: Array) -> list[ReducedState]:
 
 
 def test_a_quasi_static_step_forgets_how_fast_the_solid_was() -> None:
-    some = stepper(TET, some_basis(TET, 6), curved(6, 4), tolerance=1e-10, quasistatic=True)
+    some = stepper(TET, smooth_basis(TET, 6), curved(6, 4), tolerance=1e-10, quasistatic=True)
     moving = run(some, pull(TET), 3)[-1]
     ends = [some.step(state, pull(TET, 0.02))[0].q for state in (moving, moving.standing())]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-8)

@@ -7,15 +7,16 @@ import pytest
 from ldsim.dynamics.reduced.advance import advance
 from ldsim.dynamics.reduced.ahead import compile_step
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from tests.dynamics.reduced.solids import HEX, TET, curved, pull, some_basis, stepper
+from tests.dynamics.reduced.solids import HEX, TET, curved, pull, stepper
+from tests.helpers import smooth_basis
 from tests.runtime.problems import condensed
 
 
 def steppers() -> dict[str, ReducedStepper]:
     return {
-        "linear": stepper(HEX, some_basis(HEX, 6), curved(6, 6)),
+        "linear": stepper(HEX, smooth_basis(HEX, 6), curved(6, 6)),
         "latent, quasi-static, Newton": stepper(
-            TET, some_basis(TET, 6), curved(6, 4), quasistatic=True, method="newton"
+            TET, smooth_basis(TET, 6), curved(6, 4), quasistatic=True, method="newton"
         ),
         "condensed": ReducedStepper(condensed()),
     }

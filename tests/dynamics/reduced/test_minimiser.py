@@ -11,7 +11,8 @@ from ldsim.dynamics.reduced.minimiser import Exchange, exchange_springs
 from ldsim.dynamics.reduced.potential import value_gradient
 from ldsim.mechanics.loads import Loads
 from ldsim.space.decoder import Decoder, decode, decode_jacobian
-from tests.dynamics.reduced.solids import TET, curved, pull, run, some_basis, stepper
+from tests.dynamics.reduced.solids import TET, curved, pull, run, stepper
+from tests.helpers import smooth_basis
 
 MINIMISERS: list[dict[str, object]] = [
     {"method": "lbfgs", "current": False},
@@ -25,7 +26,7 @@ MINIMISERS: list[dict[str, object]] = [
 
 
 def test_springs_of_other_grabs_are_exchanged_in_the_preconditioner() -> None:
-    some, rng = stepper(TET, some_basis(TET, 6), curved(6, 4)), np.random.default_rng(5)
+    some, rng = stepper(TET, smooth_basis(TET, 6), curved(6, 4)), np.random.default_rng(5)
     model, _, work = some.compiled()
     decode(model.layers, rng.normal(size=4), work.hidden, work.q)
     decode_jacobian(model.layers, work.hidden, work.tangents, work.jacobian)
@@ -43,7 +44,7 @@ def test_springs_of_other_grabs_are_exchanged_in_the_preconditioner() -> None:
 
 @pytest.mark.parametrize("options", MINIMISERS, ids=str)
 def test_another_basis_of_the_same_space_takes_the_same_steps(options: dict[str, object]) -> None:
-    U = some_basis(TET, 6)
+    U = smooth_basis(TET, 6)
     mixed = U @ (np.eye(6) + 0.3 * np.random.default_rng(2).normal(size=(6, 6)))
     diagonal = stepper(TET, U, Decoder.identity(6), tolerance=1e-11, **options)
     dense = stepper(TET, mixed, Decoder.identity(6), tolerance=1e-11, **options)
@@ -54,7 +55,7 @@ def test_another_basis_of_the_same_space_takes_the_same_steps(options: dict[str,
 @pytest.mark.parametrize("options", MINIMISERS, ids=str)
 @pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
 def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[str, object]) -> None:
-    U = some_basis(TET, 6)
+    U = smooth_basis(TET, 6)
     reference = run(stepper(TET, U, decoder, tolerance=1e-10), pull(TET), 8)
     others = run(stepper(TET, U, decoder, tolerance=1e-10, **options), pull(TET), 8)
     for a, b in zip(reference, others, strict=True):
@@ -63,7 +64,7 @@ def test_every_minimiser_takes_the_same_steps(decoder: Decoder, options: dict[st
 
 @pytest.mark.parametrize("decoder", [Decoder.identity(6), curved(6, 4)], ids=["linear", "latent"])
 def test_where_the_minimiser_may_stop_it_goes_on_and_leaves_a_tenth_of_the_residual(decoder: Decoder) -> None:
-    some, grab = stepper(TET, some_basis(TET, 6), decoder, tolerance=0.05), pull(TET).grabs[0]
+    some, grab = stepper(TET, smooth_basis(TET, 6), decoder, tolerance=0.05), pull(TET).grabs[0]
     state, gradient = some.rest(), np.empty(decoder.r)
     for frame in range(40):
         before, loads = state, Loads((replace(grab, target=grab.target + [0, 0.05 * np.sin(0.2 * frame), 0]),))

@@ -13,7 +13,8 @@ from ldsim.mechanics.scene import Scene
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from tests.dynamics.reduced.solids import HEX, TET, full_basis, full_stepper, placed, pull, shaken, some_basis, stepper
+from tests.dynamics.reduced.solids import HEX, TET, full_basis, full_stepper, placed, pull, shaken, stepper
+from tests.helpers import smooth_basis
 
 
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
@@ -34,7 +35,7 @@ def test_pins_that_move_are_followed_as_in_the_full_space(body: Scene) -> None:
 
 
 def test_a_latent_space_that_is_linear_follows_moving_pins_as_the_linear_one() -> None:
-    U, motion = some_basis(TET, 6), shaken(TET, 6)
+    U, motion = smooth_basis(TET, 6), shaken(TET, 6)
     lifting = Lifting.of(TET, [motion])
     flat = Decoder.network([np.zeros((6, 3)), np.zeros((3, 6))], [np.ones(3), np.ones(6)], "elu", np.eye(6))
     ends = []
@@ -50,7 +51,7 @@ def test_a_latent_space_that_is_linear_follows_moving_pins_as_the_linear_one() -
 
 
 def test_the_tangent_under_moving_pins_is_that_of_a_basis_that_holds_their_displacement() -> None:
-    U, motion = some_basis(TET, 6), shaken(TET, 1)
+    U, motion = smooth_basis(TET, 6), shaken(TET, 1)
     lifting = Lifting.of(TET, [motion])
     a, q = lifting.coordinates(motion)[0], np.linspace(-0.01, 0.01, 6)
     lifted = stepper(TET, U, Decoder.identity(6), lifting=lifting)
@@ -66,6 +67,6 @@ def test_the_tangent_under_moving_pins_is_that_of_a_basis_that_holds_their_displ
 
 
 def test_pins_that_a_space_was_not_prepared_for_are_refused() -> None:
-    some = stepper(TET, some_basis(TET, 6), Decoder.identity(6))
+    some = stepper(TET, smooth_basis(TET, 6), Decoder.identity(6))
     with pytest.raises(MotionError, match="pins move; the reduced space has no lifting for them"):
         list(simulate(some, shaken(TET, 2)))

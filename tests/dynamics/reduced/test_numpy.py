@@ -19,8 +19,7 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.properties import lame_parameters
 from ldsim.mesh.shapes import beam
 from ldsim.space.decoder import Decoder
-from tests.dynamics.reduced.solids import some_basis
-from tests.helpers import reduced_space, scene
+from tests.helpers import reduced_space, scene, smooth_basis
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -66,7 +65,7 @@ def test_pulled_and_let_go_it_takes_the_steps_of_slow_numpy(name: str, density: 
     rng = np.random.default_rng(3)
     points = rng.choice(body.points.n_points, 7, replace=False)
     w = rng.uniform(0.5, 2, 7) * body.points.weights.sum() / 7
-    U = some_basis(body, K)
+    U = smooth_basis(body, K)
     W1, W2, b1, A = rng.normal(size=(R, 5)), 0.05 * rng.normal(size=(5, K)), rng.normal(size=5), np.eye(R, K)
     decoder = Decoder.network([W1, W2], [b1, np.zeros(K)], "elu", A)
     compiled = ReducedStepper(reduced_space(body, U, decoder, CubatureRule(points, w, 0.0)), OPTIONS)

@@ -13,15 +13,15 @@ from ldsim.dynamics.reduced.tangent import add_spring_metric, current_tangent, r
 from ldsim.mechanics.scene import Scene
 from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.space.decoder import Decoder
-from tests.dynamics.reduced.solids import HEX, TET, curved, pull, some_basis, stepper
-from tests.helpers import derivative_order
+from tests.dynamics.reduced.solids import HEX, TET, curved, pull, stepper
+from tests.helpers import derivative_order, smooth_basis
 
 Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
 def test_the_potential_is_that_of_the_full_space_at_the_decoded_state(body: Scene) -> None:
-    U, decoder = some_basis(body, 6), curved(6, 4)
+    U, decoder = smooth_basis(body, 6), curved(6, 4)
     model, springs, work = stepper(body, U, decoder).compiled(pull(body))
     rng = np.random.default_rng(3)
     z, predictor = 0.02 * rng.normal(size=4), 0.02 * rng.normal(size=6)
@@ -35,7 +35,7 @@ def test_the_potential_is_that_of_the_full_space_at_the_decoded_state(body: Scen
 
 
 def test_the_gradient_is_the_derivative_of_the_potential() -> None:
-    U, decoder = some_basis(TET, 6), curved(6, 4)
+    U, decoder = smooth_basis(TET, 6), curved(6, 4)
     model, springs, work = stepper(TET, U, decoder).compiled(pull(TET))
     rng = np.random.default_rng(4)
     z, d, predictor = 0.05 * rng.normal(size=4), 0.05 * rng.normal(size=4), np.zeros(6)
@@ -55,7 +55,7 @@ def test_the_gradient_is_the_derivative_of_the_potential() -> None:
 def test_the_preconditioners_are_the_full_spaces_stiffness_at_rest_and_now_seen_through_the_decoder(
     decoder: Decoder,
 ) -> None:
-    U, some = some_basis(TET, 6), stepper(TET, some_basis(TET, 6), decoder)
+    U, some = smooth_basis(TET, 6), stepper(TET, smooth_basis(TET, 6), decoder)
     z = 0.3 * np.random.default_rng(5).normal(size=decoder.r)
     J, (model, springs, work) = decoder.jacobian(z), some.compiled(pull(TET))
     work.q[:], work.jacobian[:] = decoder(z), J.T

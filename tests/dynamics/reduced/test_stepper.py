@@ -22,20 +22,8 @@ from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from ldsim.space.decoder import Decoder
 from ldsim.space.lifting import Lifting
-from tests.dynamics.reduced.solids import (
-    HEX,
-    TET,
-    curved,
-    full_basis,
-    full_stepper,
-    placed,
-    pull,
-    run,
-    shaken,
-    some_basis,
-    stepper,
-)
-from tests.helpers import scene
+from tests.dynamics.reduced.solids import HEX, TET, curved, full_basis, full_stepper, placed, pull, run, shaken, stepper
+from tests.helpers import scene, smooth_basis
 
 
 @pytest.mark.parametrize("body", [TET, HEX], ids=["tet4", "hex8"])
@@ -80,7 +68,7 @@ def test_gravity_that_changes_is_felt_as_in_the_full_space() -> None:
 
 
 def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> None:
-    U = some_basis(TET, 6)
+    U = smooth_basis(TET, 6)
     nothing = Decoder.network([np.zeros((6, 3)), np.zeros((3, 6))], [np.ones(3), np.ones(6)], "elu", np.eye(6))
     linear = run(stepper(TET, U, Decoder.identity(6)), pull(TET), 8)
     latent = run(stepper(TET, U, nothing), pull(TET), 8)
@@ -89,7 +77,7 @@ def test_latent_stepping_with_a_decoder_that_is_linear_is_linear_stepping() -> N
 
 
 def test_a_step_depends_on_its_state_alone() -> None:
-    U, decoder = some_basis(TET, 6), curved(6, 4)
+    U, decoder = smooth_basis(TET, 6), curved(6, 4)
     some = stepper(TET, U, decoder)
     grabs = pull(TET)
     states = run(some, grabs, 5)
@@ -99,7 +87,7 @@ def test_a_step_depends_on_its_state_alone() -> None:
 
 
 def test_a_step_leaves_its_state_as_it_was() -> None:
-    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    some = stepper(TET, smooth_basis(TET, 6), curved(6, 4))
     state = run(some, pull(TET), 3)[-1]
     before = state.data.copy()
     after, _ = some.step(state, pull(TET))
@@ -109,20 +97,20 @@ def test_a_step_leaves_its_state_as_it_was() -> None:
 
 
 def test_a_state_of_another_model_is_refused() -> None:
-    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    some = stepper(TET, smooth_basis(TET, 6), curved(6, 4))
     with pytest.raises(ValueError, match=r"has \(r, k\) = \(3, 6\); this stepper has \(4, 6\)"):
-        some.step(stepper(TET, some_basis(TET, 6), curved(6, 3)).rest(), Loads())
+        some.step(stepper(TET, smooth_basis(TET, 6), curved(6, 3)).rest(), Loads())
 
 
 def test_with_no_gravity_and_no_grab_rest_stays_rest() -> None:
     still = scene(beam(resolution=1), gravity=(0.0, 0.0, 0.0))
-    state = run(stepper(still, some_basis(still, 6), curved(6, 4)), Loads(), 3)[-1]
+    state = run(stepper(still, smooth_basis(still, 6), curved(6, 4)), Loads(), 3)[-1]
     assert not state.q.any()
 
 
 def test_energy_never_grows_after_a_release_without_gravity() -> None:
     still = scene(beam(resolution=1), youngs_modulus=3e4, gravity=(0.0, 0.0, 0.0))
-    U = some_basis(still, 6)
+    U = smooth_basis(still, 6)
     some = stepper(still, U, curved(6, 4))
     state = run(some, pull(still), 10)[-1]
     energies = []
@@ -147,7 +135,7 @@ def test_a_start_of_infinite_energy_is_reported_and_the_state_kept() -> None:
 
 
 def test_threads_share_a_stepper() -> None:
-    some = stepper(TET, some_basis(TET, 6), curved(6, 4))
+    some = stepper(TET, smooth_basis(TET, 6), curved(6, 4))
     amounts = [0.05, -0.03, 0.02, 0.04]
     alone = [run(some, pull(TET, amount), 20)[-1].q for amount in amounts]
     together = in_threads(lambda amount: run(some, pull(TET, amount), 20)[-1].q, amounts, threads=4)
@@ -156,7 +144,7 @@ def test_threads_share_a_stepper() -> None:
 
 
 def test_a_stiffened_stepper_is_that_of_a_stiffer_scene() -> None:
-    U, decoder = some_basis(TET, 6), curved(6, 4)
+    U, decoder = smooth_basis(TET, 6), curved(6, 4)
     stiffer = replace(TET, mu=2.5 * TET.mu, lam=2.5 * TET.lam)
     found = run(stepper(TET, U, decoder).stiffened(0.5).stiffened(2.5), pull(TET), 6)
     for a, b in zip(run(stepper(stiffer, U, decoder), pull(TET), 6), found, strict=True):
@@ -168,7 +156,7 @@ def test_a_solid_of_tons_moves_as_a_light_one() -> None:
 
     def sag(times: float) -> NDArray[np.float64]:
         body = scene(beam(resolution=1), youngs_modulus=3e4 * times, density=1000 * times)
-        some = stepper(body, some_basis(body, 6), Decoder.identity(6), tolerance=None)
+        some = stepper(body, smooth_basis(body, 6), Decoder.identity(6), tolerance=None)
         state = some.rest()
         for _ in range(5):
             state, _ = some.step(state, Loads())
@@ -185,7 +173,7 @@ def test_a_step_of_steel_ends_where_rounding_hides_the_rest_of_the_gradient(size
     mesh = Mesh(size * coarse.vertices, coarse.cells, coarse.cell_type)
     body = scene(mesh, youngs_modulus=2e11, density=7.8e3, time_step=0.01 * math.sqrt(size))
     tip = np.flatnonzero(mesh.vertices[:, 0] > mesh.vertices[:, 0].max() - 1e-9 * size)
-    given = stepper(body, some_basis(body, 9), decoder, tolerance=1e-30)
+    given = stepper(body, smooth_basis(body, 9), decoder, tolerance=1e-30)
     for some in (given, given.stiffened(4.0)):
         state = some.rest()
         for frame in range(1, 9):
