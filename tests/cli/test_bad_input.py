@@ -73,10 +73,7 @@ def test_each_of_several_faults_has_a_line_of_its_own(experiment: Experiment) ->
     experiment.configure(yaml.safe_load(experiment.config.read_text("utf-8")) | {"meshh": {}})
     first, *faults = refusal(experiment, "mesh").split("\n")
     assert first.endswith("tiny.yaml: 2 things are wrong")
-    assert faults == [
-        "unknown key 'train.epoch'; did you mean 'epochs'?",
-        "unknown key 'meshh'; did you mean 'mesh'?",
-    ]
+    assert faults == ["unknown key 'train.epoch'; did you mean 'epochs'?", "unknown key 'meshh'; did you mean 'mesh'?"]
 
 
 @pytest.mark.parametrize("case", CONFIGURATIONS)

@@ -82,10 +82,7 @@ MESHES: dict[str, tuple[Callable[[Experiment], object], str]] = {
     "NaN coordinates": (mesh_file("a.mesh", TETS.format(apex="0 0 nan", cell="1 3 2 5")), "must be finite"),
     "vertices out of range": (mesh_file("a.mesh", TETS.format(apex="0 0 -1", cell="1 3 2 9")), "a.mesh"),
     "an unknown shape": (change("mesh.shape.name", "sphere"), "known are beam, mounted_bar"),
-    "pins that hold nothing": (
-        change("mesh.pins", [{"ball": {"centre": [9, 9, 9], "radius": 0.1}}]),
-        "pins no vertex",
-    ),
+    "pins that hold nothing": (change("mesh.pins", [{"ball": {"centre": [9, 9, 9], "radius": 0.1}}]), "pins no vertex"),
     "pins of an unknown group": (
         change("mesh.pins", [{"group": "feet"}]),
         "no group 'feet'; known are none: its file defines no groups",

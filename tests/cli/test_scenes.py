@@ -117,10 +117,7 @@ REFUSED = {
         {"script": {"moving_pins": [moving(RIGHT), moving(RIGHT)]}},
         "follows two paths; regions of moving_pins must not overlap",
     ),
-    "a turn about nothing": (
-        {"script": {"moving_pins": [moving(RIGHT, axis=[0, 0, 0])]}},
-        "it must have a direction",
-    ),
+    "a turn about nothing": ({"script": {"moving_pins": [moving(RIGHT, axis=[0, 0, 0])]}}, "it must have a direction"),
     "a path that starts away": (
         {"script": {"moving_pins": [moving(RIGHT, keyframes=[{"time": 0, "angle": 5}, {"time": 1}])]}},
         "must start at rest: the keyframe at 0 s has translation [0.0, 0.0, 0.0] and angle 5",

@@ -39,8 +39,7 @@ def said(root: Path, script: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "example",
-    [pytest.param("cpp/main.cpp", marks=needs_cpp), pytest.param("csharp/Program.cs", marks=needs_mono)],
+    "example", [pytest.param("cpp/main.cpp", marks=needs_cpp), pytest.param("csharp/Program.cs", marks=needs_mono)]
 )
 def test_a_host_leaves_the_vertex_where_python_does(root: Path, model: NativeModel, scene: Scene, example: str) -> None:
     text = said(root, commands(EXAMPLES / example))

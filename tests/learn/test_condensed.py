@@ -19,9 +19,7 @@ R, K, POINTS = 2, 3, 6
 S0 = np.array([[4.0, 1.0], [1.0, 9.0]])
 T0 = np.array([[0.3, 0.0, -0.1], [0.1, 0.2, 0.4]])
 OPTIONS = TrainOptions(
-    kind="condensed",
-    hidden=(16,),
-    condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400),
+    kind="condensed", hidden=(16,), condensed=CondensedOptions(points=POINTS, features=4, columns=K, steps=400)
 )
 
 

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 
 from ldsim.errors import MeshError
-from ldsim.mesh.mesh import (
-    CORNER_FRAMES,
-    Mesh,
-    check_cells,
-    components,
-    corner_volumes,
-    doubled_vertices,
-    reoriented,
-)
+from ldsim.mesh.mesh import CORNER_FRAMES, Mesh, check_cells, components, corner_volumes, doubled_vertices, reoriented
 from ldsim.mesh.shapes import CUBE_CORNERS, beam, voxel_mesh
 
 UNIT_TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

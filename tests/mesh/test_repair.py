@@ -98,10 +98,7 @@ def with_a_fin() -> Triangles:
 
 
 REFUSED: dict[str, tuple[Callable[[], Triangles], str]] = {
-    "three triangles on an edge": (
-        with_a_fin,
-        "not manifold: 1 of its edges belong to more than two",
-    ),
+    "three triangles on an edge": (with_a_fin, "not manifold: 1 of its edges belong to more than two"),
     "two boxes that share an edge": (lambda: together(BOX, box([1, 1, 1], [1, 1, 0])), "not manifold: 1 of"),
     "one side only": (moebius_strip, "one side only"),
     "an open box": (

@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array
 from ldsim.artefacts.partial import Checkpoint, MotionStore, write_snapshots
-from ldsim.artefacts.records import (
-    StoredModel,
-    write_basis,
-    write_cubature,
-    write_model,
-    write_scene,
-    write_simulation,
-)
+from ldsim.artefacts.records import StoredModel, write_basis, write_cubature, write_model, write_scene, write_simulation
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.cubature.path import RulePath
 from ldsim.cubature.rule import CubatureRule

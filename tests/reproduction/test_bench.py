@@ -20,23 +20,10 @@ from reproduction.bench.repeat import difference
 from reproduction.harness import add_results, called, row, write_json, write_results
 
 MODULES = [found.name for found in pkgutil.walk_packages(reproduction.__path__, "reproduction.")]
-BENCHES = [
-    *("batched", "blocks", "browser", "condensed", "derived", "enrichment", "examples"),
-    *(
-        "frontier",
-        "full_space",
-        "fuzz",
-        "hand",
-        "newcomer",
-        "novelty",
-        "pca",
-        "repeat",
-        "rival_spaces",
-        "runtime",
-        "soak",
-    ),
-    *("solids", "statement", "time_steps", "two_commands"),
-]
+BENCHES = (
+    "batched blocks browser condensed derived enrichment examples frontier full_space fuzz hand newcomer novelty pca "
+    "repeat rival_spaces runtime soak solids statement time_steps two_commands"
+).split()
 
 
 @pytest.mark.parametrize("name", MODULES)

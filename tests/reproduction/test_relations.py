@@ -44,11 +44,7 @@ def test_a_number_that_is_not_finite_is_null_in_the_record() -> None:
 
 
 # Figure 9 of the paper: iterations, evaluations and seconds.
-PAPER_STOPS = {
-    "latent": Stopped(46, 52, 0.563),
-    "linear": Stopped(90, 109, 0.961),
-    "full": Stopped(216, 611, 4.376),
-}
+PAPER_STOPS = {"latent": Stopped(46, 52, 0.563), "linear": Stopped(90, 109, 0.961), "full": Stopped(216, 611, 4.376)}
 
 
 def test_the_papers_iterations_are_ordered_and_its_decoder_misses_the_floor() -> None:

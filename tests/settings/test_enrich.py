@@ -209,11 +209,7 @@ def test_where_wider_layers_did_not_help_it_learns_from_more_of_its_own_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, told = enriched(tmp_path, monkeypatch, [0.3, 0.28, 0.02])
-    assert [line.partition("next: ")[2] for line in told] == [
-        "train.hidden [64, 128]",
-        "train.condensed.rounds 3",
-        "",
-    ]
+    assert [line.partition("next: ")[2] for line in told] == ["train.hidden [64, 128]", "train.condensed.rounds 3", ""]
 
 
 def test_the_round_that_was_least_off_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

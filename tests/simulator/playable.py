@@ -8,13 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ldsim.arrays import Array
-from ldsim.artefacts.records import (
-    StoredModel,
-    write_basis,
-    write_cubature,
-    write_model,
-    write_scene,
-)
+from ldsim.artefacts.records import StoredModel, write_basis, write_cubature, write_model, write_scene
 from ldsim.artefacts.store import STAGE_OF, Header, file_hash
 from ldsim.cubature.path import RulePath, VirtualFit
 from ldsim.cubature.rule import CubatureRule

@@ -124,11 +124,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
 ) -> None:
     rows = change(snapshots())
     with pytest.raises(SolverError, match=message) as error:
-        fit_basis(
-            streamed(rows, 16),
-            inner_product(BODY.mass, "mass"),
-            PcaOptions(k=k),
-        )
+        fit_basis(streamed(rows, 16), inner_product(BODY.mass, "mass"), PcaOptions(k=k))
     assert "\n" not in str(error.value)
 
 

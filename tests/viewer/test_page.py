@@ -292,8 +292,7 @@ def test_a_lost_connection_is_told_and_taken_up_again(tab: Tab) -> None:
 
 def test_the_page_says_what_is_missing_without_webgl(browser: Tab, url: str) -> None:
     script = browser.call(
-        "Page.addScriptToEvaluateOnNewDocument",
-        source="HTMLCanvasElement.prototype.getContext = () => null",
+        "Page.addScriptToEvaluateOnNewDocument", source="HTMLCanvasElement.prototype.getContext = () => null"
     )
     try:
         browser.open(url)
