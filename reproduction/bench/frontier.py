@@ -183,10 +183,10 @@ def marks(rows: Sequence[Row], motions: str) -> Iterator[Mark]:
             yield Mark(told[2], int(told[3]), int(told[4]), ms, error)
 
 
-def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
-    """Online error on the motions of a role against the median step: every space, every seed."""
-    figure, ax = new_axes("median step, ms; numbers: dimension", f"online error, {role} motions, %", height=3.6)
-    named, all_marks = set(), [mark for mark in marks(rows, role) if math.isfinite(mark.error)]
+def picture(rows: Sequence[Row], model: str) -> str:
+    """Online error on the test motions against the median step: every space, every seed."""
+    figure, ax = new_axes("median step, ms; numbers: dimension", "online error, test motions, %", height=3.6)
+    named, all_marks = set(), [mark for mark in marks(rows, "test") if math.isfinite(mark.error)]
     for mark in all_marks:
         label = "" if mark.kind in named else mark.kind
         ax.plot(mark.ms, 100 * mark.error, "o", color=PALETTE[COLOURS[mark.kind]], markersize=4, label=label)
@@ -206,7 +206,7 @@ def picture(rows: Sequence[Row], model: str, role: str = "test") -> str:
             color=PALETTE[COLOURS[mark.kind]],
         )  # fmt: skip
     seeds = NUMBERS[len({mark.seed for mark in all_marks})]
-    return to_svg(figure, f"Online error on the {role} motions of {model} against the median time of a step, {seeds}")
+    return to_svg(figure, f"Online error on the test motions of {model} against the median time of a step, {seeds}")
 
 
 def main() -> None:
