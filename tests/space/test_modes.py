@@ -26,10 +26,10 @@ from ldsim.space.basis import Basis
 from ldsim.space.decoder import Decoder
 from ldsim.space.encoder import Encoder
 from ldsim.space.modes import Modes, following, slowest_modes
-from ldsim.space.pca import orthonormal_rows, orthonormalised
+from ldsim.space.pca import orthonormal_rows
 from ldsim.space.relaxation import Relaxation
 from ldsim.space.space import Space
-from tests.helpers import scene
+from tests.helpers import scene, smooth_basis, unit_basis
 
 R = 3
 # Of loads, so that what turns and stretches around a grab is rounding.
@@ -45,20 +45,13 @@ def body() -> Scene:
 
 @cache
 def relaxation() -> Relaxation:
-    x = body().mesh.vertices
-    s = (x[:, 0] - x[:, 0].min()) / np.ptp(x[:, 0])
-    rng = np.random.default_rng(0)
-    fields = [s[:, None] ** (1 + i) * (rng.normal(size=3) + 5 * x @ rng.normal(size=(3, 3))) for i in range(R)]
-    columns = np.stack([np.where(body().pinned[:, None], 0.0, field).ravel() for field in fields], axis=1)
-    return Relaxation(body(), Basis.of(orthonormalised(columns, body().mass).matrix, body().mass))
+    return Relaxation(body(), Basis.of(smooth_basis(body(), R), body().mass))
 
 
 @cache
 def every_mode() -> Modes:
     """K φ = ω² M φ among displacements with W φ = 0, all of them, by dense matrices."""
-    free, n = body().free, body().mesh.n_vertices
-    unit = np.zeros((3 * n, 3 * len(free)))
-    unit[(3 * free[:, None] + np.arange(3)).ravel(), np.arange(3 * len(free))] = 1
+    unit, n = unit_basis(body()), body().mesh.n_vertices
     kept = Basis.of(unit @ null_space(relaxation().rows @ unit), body().mass)
     squares, vectors = eigh(reduced_rest_stiffness(body(), kept), reduced_mass(body(), kept))
     return Modes((kept.matrix @ vectors).reshape(n, 3, -1), squares)

@@ -21,21 +21,14 @@ from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.materials import MATERIALS
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.scene import Scene
-from ldsim.mechanics.stiffness import StiffnessPattern
 from ldsim.mesh.mesh import Mesh
 from ldsim.mesh.shapes import beam
 from ldsim.optimise.solution import Reason
 from tests.helpers import bent, derivative_order, order, scene
+from tests.space.test_relaxation import rest_matrices
 
 Array = NDArray[np.float64]
 STILL = (0.0, 0.0, 0.0)
-
-
-def free_stiffness(body: Scene) -> Array:
-    pattern = StiffnessPattern(body.points.nodes, body.free, body.mesh.n_vertices)
-    rest = np.zeros_like(body.mesh.vertices)
-    dense: Array = pattern.matrix(pattern.stiffness_blocks(body.elements, rest, clamp=False)).toarray()
-    return dense
 
 
 def tip(body: Scene) -> NDArray[np.int64]:
@@ -80,8 +73,8 @@ def test_a_body_too_soft_to_matter_falls_freely_far_from_its_pins() -> None:
 @pytest.mark.parametrize("mode", [0, 1, 4])
 def test_an_eigenmode_decays_by_the_recursion_of_implicit_euler(mode: int) -> None:
     body = scene(beam(0.4, 0.1, 0.1, 1), "linear", gravity=STILL, time_step=0.03)
-    mass = np.kron(body.mass.toarray()[np.ix_(body.free, body.free)], np.eye(3))
-    squares, modes = eigh(free_stiffness(body), mass)
+    K, M, _ = rest_matrices(body)
+    squares, modes = eigh(K, M)
     shape = np.zeros_like(body.mesh.vertices)
     shape[body.free] = modes[:, mode].reshape(-1, 3)
     damping = 1 + body.time_step**2 * squares[mode]
