@@ -25,16 +25,6 @@ def recording(content: str | None) -> Callable[[Experiment], None]:
     return spoil
 
 
-def motions(*entries: dict[str, object]) -> Callable[[Experiment], None]:
-    return lambda experiment: experiment.change("snapshot.motions", list(entries))
-
-
-def moving(where: dict[str, object], *keyframes: dict[str, object]) -> dict[str, object]:
-    return {"where": where, "keyframes": list(keyframes)}
-
-
-FEET: dict[str, object] = {"slab": {"axis": "y", "thickness": 0.001}}
-TOP: dict[str, object] = {"slab": {"axis": "y", "at": "max", "thickness": 0.001}}
 MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     "missing": (recording(None), "a.csv does not exist"),
     "empty": (recording(""), "holds no frames"),
@@ -44,23 +34,6 @@ MOTIONS: dict[str, tuple[Callable[[Experiment], None], str]] = {
     "not finite": (recording(RECORDING.format(rows="1,nan,0,0,0,0,0")), "not finite"),
     "a grab that hits no vertex": (recording(RECORDING.format(rows=MISS)), "hits no vertex"),
     "a grab of pinned vertices": (recording(RECORDING.format(rows="1,0,-1,0,0.09,-0.075,0")), "only pinned vertices"),
-    "a path with one keyframe": (
-        motions({"name": "a", "script": {"moving_pins": [moving(FEET, {"time": 0})]}}),
-        "moving_pins.0.keyframes: a path needs at least two keyframes, got 1",
-    ),
-    "a path of what is not pinned": (
-        motions({"name": "a", "script": {"moving_pins": [moving(TOP, {"time": 0}, {"time": 1, "angle": 9})]}}),
-        "motion a: the slab (axis y, at max, thickness 0.001) holds no pinned vertex",
-    ),
-    "a path of an unknown group": (
-        motions({"name": "a", "script": {"moving_pins": [moving({"group": "lid"}, {"time": 0}, {"time": 1})]}}),
-        "motion a: the mesh has no group 'lid'; known are none",
-    ),
-    "a script that is not there": (motions({"name": "a", "script_file": "b.yaml"}), "b.yaml does not exist"),
-    "no motion to learn from": (
-        motions({"name": "a", "role": "validation", "gravity_sweep": {"duration": 1}}),
-        "at least one motion must have the role train",
-    ),
 }
 
 

@@ -94,25 +94,6 @@ def test_an_interrupted_pca_goes_on_where_it_was(experiment: Experiment, monkeyp
 # Cubature
 
 
-CUBATURES: dict[str, tuple[dict[str, object], str]] = {
-    "a tolerance of zero": ({"tolerance": 0.0}, "cubature.tolerance: input should be greater than 0, got 0"),
-    "a negative tolerance": ({"tolerance": -0.1}, "cubature.tolerance: input should be greater than 0, got -0.1"),
-    "no points": ({"max_points": 0}, "cubature.max_points: input should be greater than or equal to 1, got 0"),
-    "an unknown method": ({"method": "magic"}, "cubature.method: input should be 'exchange', 'ecsw'"),
-    "more than all of the true forces": (
-        {"terms": {"closure": 1.5}},
-        "cubature.terms.closure: input should be less than or equal to 1",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", CUBATURES)
-def test_a_bad_setting_of_cubature(experiment: Experiment, case: str) -> None:
-    settings, words = CUBATURES[case]
-    experiment.configure(TINY | {"cubature": settings})
-    assert words in refusal(experiment, "cubature")
-
-
 def test_poses_without_any_force(experiment: Experiment) -> None:
     with changed(experiment.run / "snapshots.h5") as file:
         for motion in file["motions"].values():

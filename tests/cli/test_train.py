@@ -72,16 +72,9 @@ def test_a_killed_training_goes_on_and_ends_as_an_undisturbed_one(experiment: Ex
     assert experiment.invoke("train").exit_code == 0
     undisturbed = weights(experiment)
     (experiment.run / "model.h5").unlink()
-    command = [
-        sys.executable,
-        "-m",
-        "ldsim",
-        "train",
-        str(experiment.config),
-        "--runs",
-        str(experiment.folder / "runs"),
-    ]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    words = ["train", str(experiment.config), "--runs", str(experiment.folder / "runs")]
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen([sys.executable, "-m", "ldsim", *words], stdout=quiet, stderr=quiet)
     checkpoint = experiment.run / "model.partial" / "r3.checkpoint.h5"
     while process.poll() is None and not checkpoint.is_file():
         time.sleep(0.01)

@@ -147,6 +147,7 @@ def test_progress_tells_falling_errors_while_points_are_added() -> None:
         ({"terms": {"closure": -0.1}}, "terms.closure\n.*greater than or equal to 0"),
         ({"terms": {"closure": float("nan")}}, "terms.closure\n.*finite"),
         ({"virtual": {"closures": (1.5,)}}, "virtual.closures.0\n.*less than or equal to 1"),
+        ({"method": "magic"}, "method\n.*should be 'exchange', 'ecsw'"),
     ],
 )
 def test_an_option_out_of_range_is_refused(options: dict[str, object], words: str) -> None:

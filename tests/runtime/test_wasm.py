@@ -173,21 +173,16 @@ def test_what_a_page_draws_by_and_what_it_is_refused() -> None:
     assert all(words.startswith(start) for words, start in zip(found["words"], told, strict=True))
 
 
-def run_vertices(folder: Path) -> int:
-    with Run.open(folder) as run:
-        return run.scene.mesh.n_vertices
-
-
 @needs_node
 def test_the_exported_example_runs_in_node(tmp_path: Path) -> None:
     write_run(tmp_path)
     with Run.open(tmp_path) as run:
-        folder, _ = export(run, Choice("wasm"), tmp_path / "made")
+        n, (folder, _) = run.scene.mesh.n_vertices, export(run, Choice("wasm"), tmp_path / "made")
     done = subprocess.run([str(NODE), "example.mjs"], cwd=folder, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == 5 and "held at" in done.stdout
     # the same solid elsewhere is pulled as far
-    data, n = bytearray((folder / "model.ldsim").read_bytes()), run_vertices(tmp_path)
+    data = bytearray((folder / "model.ldsim").read_bytes())
     rest = np.frombuffer(data, "<f8", 3 * n, 256).reshape(-1, 3) + [9.0, 0.0, 0.0]
     data[256 : 256 + 24 * n] = rest.tobytes()
     data[24:40] = checksum(bytes(data[40:]))

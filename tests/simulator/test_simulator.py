@@ -213,14 +213,6 @@ def test_a_handle_that_was_released_says_so() -> None:
         other.move(TIP)
 
 
-def test_the_surface_is_closed_and_looks_outward() -> None:
-    surface = full_simulator(BODY).surface
-    corners = surface.rest[surface.triangles]
-    volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
-    np.testing.assert_allclose(volume, BODY.points.weights.sum(), rtol=1e-12)
-    np.testing.assert_array_equal(surface.rest, BODY.mesh.vertices[surface.vertices])
-
-
 def test_the_full_stepper_tells_how_far_the_solid_is_from_where_its_pins_have_come_to() -> None:
     """Sheared and carried far away: of s x the root mean square over 0 ≤ x ≤ L is s L/√3."""
     stepper, x = FullStepper(BODY), BODY.mesh.vertices[:, 0] - BODY.mesh.vertices[:, 0].min()
