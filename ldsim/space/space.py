@@ -86,12 +86,10 @@ class Space:
         return cls("full", scene, None, Decoder.identity(size), IDENTITY, CubatureRule.every(scene))
 
     @classmethod
-    def linear(
-        cls, scene: Scene, basis: Basis, k: int, rule: CubatureRule | None = None, lifting: Lifting | None = None
-    ) -> Space:
+    def linear(cls, scene: Scene, basis: Basis, k: int, rule: CubatureRule | None = None) -> Space:
         """The first k columns of a basis; every quadrature point where no rule is given."""
         rule = CubatureRule.every(scene) if rule is None else rule
-        return cls("linear", scene, basis.columns(k), Decoder.identity(k), IDENTITY, rule, lifting)
+        return cls("linear", scene, basis.columns(k), Decoder.identity(k), IDENTITY, rule)
 
     @classmethod
     def latent(
