@@ -118,6 +118,7 @@ def test_pins_that_mean_nothing_are_refused_and_the_old_ones_kept(kind: int) -> 
     bad = [
         ([MovedPins(free, map)], f"vertex {free[0]} is to move as pins do, but it is not pinned"),
         ([MovedPins(np.array([10**6]), map)], "from 1000000 to 1000000; they must be from 0 to 11"),
+        ([MovedPins(pinned - len(BODY.pinned), map)], "; they must be from 0 to 11"),  # NumPy counts from the end
         ([MovedPins(pinned, np.eye(3))], "a map of moved pins is .*must be .A . b., .3, 4. finite numbers"),
         ([MovedPins(pinned, np.full((3, 4), np.nan))], "a map of moved pins is .*finite"),
         ([MovedPins(pinned, map), MovedPins(pinned, map)], f"vertex {pinned[0]} is moved twice"),

@@ -352,7 +352,7 @@ def test_a_full_space_and_a_state_of_another_model_are_refused() -> None:
 
 def test_a_batched_state_of_another_model_is_not_stepped() -> None:
     stepper, pulled = batched(body(), curved()), [pulls(body(), 1)] * 2
-    for columns in (2, K):
+    for columns in (R, K):  # one number is that of the stepper, the other is not
         state = BatchedStepper(reduced_space(body(), basis(body())[:, :columns])).rest(2)
         words = rf"the state has \(r, k\) = \({columns}, {columns}\); this stepper has \({R}, {K}\)"
         with pytest.raises(ValueError, match=words):
