@@ -56,7 +56,7 @@ pca:
   k: {columns}
 train:
   kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
-  hidden: [48, 48, 48, 48]
+  hidden: {hidden} # wider of a solid of many cells, where a pose costs more than what is fitted to it
   activation: tanh # smooth, as what it learns is
   condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
 cubature:
@@ -255,6 +255,7 @@ def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
         "columns": min(derived.COLUMNS, unknowns),
         "poses": poses,
         "explored": explored,
+        "hidden": list(derived.layers(unknowns)),
     }
 
 

@@ -18,6 +18,7 @@ from ldsim.pipeline.solid import Solid
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.settings.derived import (
+    layers,
     pins_of,
     reach_of_pulls,
     relaxed_poses,
@@ -136,6 +137,11 @@ def rod(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(("unknowns", "poses"), [(300, (400, 300)), (6000, (300, 225)), (90_000, (200, 150))])
 def test_a_small_solid_is_shown_more_poses_up_to_twice_as_many(unknowns: int, poses: tuple[int, int]) -> None:
     assert relaxed_poses(unknowns) == poses
+
+
+@pytest.mark.parametrize(("unknowns", "width"), [(300, 48), (25_000, 48), (31_767, 80)])
+def test_a_solid_of_many_cells_has_a_wider_decoder(unknowns: int, width: int) -> None:
+    assert layers(unknowns) == (width, width, width, width)
 
 
 def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Path) -> None:
