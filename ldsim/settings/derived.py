@@ -33,9 +33,9 @@ COLUMNS = 40
 # Poses of training motions that are relaxed, and of each round of own runs: so many, or up to twice as many of a solid
 # of fewer unknowns, for there a pose costs less than what is fitted to it.
 POSES, EXPLORED, UNKNOWNS = 200, 150, 9000
-# Of its four layers, where it has more unknowns than this the second: what is fitted costs little beside its poses then,
-# and three solids of the paper are 3 to 30 % less off by it (docs/notebook/2026-11-25-on_demand.md).
-WIDTHS, MANY = (48, 80), 25_000
+# Of its four layers; a solid of more unknowns than this has the second, and pulls of the linear space beside its own:
+# both cost little where frames and poses cost much (docs/notebook/2026-11-25-on_demand.md).
+WIDTHS, SYNTHETIC, MANY = (48, 80), 40, 25_000
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,11 @@ def relaxed_poses(unknowns: int) -> tuple[int, int]:
 def layers(unknowns: int) -> tuple[int, ...]:
     """Widths of the hidden layers of the decoder."""
     return 4 * (WIDTHS[unknowns > MANY],)
+
+
+def synthetic_pulls(unknowns: int) -> int:
+    """How many pulls of the linear space turn the basis; none of a small solid."""
+    return SYNTHETIC if unknowns > MANY else 0
 
 
 def rounded(value: float, up: bool = False) -> float:

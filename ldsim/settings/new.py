@@ -54,9 +54,9 @@ snapshot:
     - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
 pca:
   k: {columns}
-train:
+{synthetic}train:
   kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
-  hidden: {hidden} # wider of a solid of many cells, where a pose costs more than what is fitted to it
+  hidden: {hidden} # wider of a solid of many cells
   activation: tanh # smooth, as what it learns is
   condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
 cubature:
@@ -67,6 +67,8 @@ simulate:
   # of 59, the second of 93, the third of 124
   statement: {{motions: 93, pulls: {{count: 1, seed: 8, rest: 20, {pulls}}}}}
 """
+# Of the section pca, for a solid of which a frame of the full space costs much.
+SYNTHETIC = "  synthetic: {{count: {count}, seed: 11, {pulls}}} # of the linear space, where more cost little\n"
 
 
 class Given(Options):
@@ -245,17 +247,19 @@ def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
         "stiffness": derived.stiffness_of_pulls(solid),
         "radius": derived.rounded(solid.radius),
     }
+    said = ", ".join(f"{name}: {_number(value)}" for name, value in pulls.items())
     return {
         "model": MODEL,
         "modulus": _number(modulus),
         "poisson": POISSON,
         "step": _number(step),
         "slowest": solid.frequencies[0],
-        "pulls": ", ".join(f"{name}: {_number(value)}" for name, value in pulls.items()),
+        "pulls": said,
         "columns": min(derived.COLUMNS, unknowns),
         "poses": poses,
         "explored": explored,
         "hidden": list(derived.layers(unknowns)),
+        "synthetic": SYNTHETIC.format(count=count, pulls=said) if (count := derived.synthetic_pulls(unknowns)) else "",
     }
 
 

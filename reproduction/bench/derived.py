@@ -2,10 +2,11 @@
 
     python -m reproduction.bench.derived beam dragon --frontiers runs/frontier --folder runs/derived
 
-Scene and motions are those of reproduction/bench/condensed_<solid>.yaml. All else is what `ldsim new` writes for the
-mesh and what the rounds of `ldsim make --error` then change; they are judged by the validation motions. The same role's
-error of the settings by hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of
-that benchmark are used again where they lie. Results go to reproduction/results/derived.json.
+Scene and motions are those of reproduction/bench/condensed_<solid>.yaml, and so are synthetic pulls, which are like the
+motions, where `ldsim new` has any. All else is what that writes for the mesh and what the rounds of `ldsim make --error`
+then change; they are judged by the validation motions. The same role's error of the settings by hand is the middle of
+the three seeds of results/frontier_<solid>.json. Scene and snapshots of that benchmark are used again where they lie.
+Results go to reproduction/results/derived.json.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ def written(solid: str, folder: Path) -> Path:
         ldsim(folder, "new", os.path.expandvars(str(hand.mesh.file)), "--unit", "m", "--output", looked_at.name)
     new = load_settings(looked_at)
     taken = {name: getattr(new, name) for name in ("pca", "train", "cubature")}
+    if new.pca.synthetic is not None:
+        taken["pca"] = new.pca.replace(synthetic=hand.pca.synthetic)
     text = Settings(experiment=solid, mesh=hand.mesh, snapshot=hand.snapshot, **taken).dump(defaults=False)
     if not place.exists() or place.read_text(encoding="utf-8") != text:
         place.write_text(text, encoding="utf-8")

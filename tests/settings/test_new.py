@@ -144,6 +144,20 @@ def test_a_solid_of_many_cells_has_a_wider_decoder(unknowns: int, width: int) ->
     assert layers(unknowns) == (width, width, width, width)
 
 
+def test_a_solid_of_many_cells_learns_from_pulls_of_the_linear_space_that_are_like_its_own(
+    rod: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert invoked("new", str(rod), "--output", "few.yaml").exit_code == 0
+    monkeypatch.setattr("ldsim.settings.derived.MANY", 100)
+    assert invoked("new", str(rod), "--output", "many.yaml").exit_code == 0
+    few, many = (load_settings(Path(name)) for name in ("few.yaml", "many.yaml"))
+    assert few.pca.synthetic is None and few.train.hidden == (48, 48, 48, 48)
+    pulls, made = many.snapshot.motions[0].pulls, many.pca.synthetic
+    assert pulls is not None and made is not None and (made.count, many.train.hidden) == (40, (80, 80, 80, 80))
+    assert made.replace(count=pulls.count, seed=pulls.seed).model_dump() == pulls.model_dump()
+    assert made.seed not in {each.pulls.seed for each in many.snapshot.motions if each.pulls is not None}
+
+
 def test_new_writes_a_configuration_that_loads_and_says_what_it_assumed(rod: Path) -> None:
     result = invoked("new", str(rod))
     assert result.exit_code == 0, result.output
