@@ -3,10 +3,10 @@
     python -m reproduction.bench.derived beam dragon --frontiers runs/frontier --folder runs/derived
 
 Scene and motions are those of reproduction/bench/condensed_<solid>.yaml, and so are synthetic pulls, which are like the
-motions, where `ldsim new` has any. All else is what that writes for the mesh and what the rounds of `ldsim make --error`
-then change; they are judged by the validation motions. The same role's error of the settings by hand is the middle of
-the three seeds of results/frontier_<solid>.json. Scene and snapshots of that benchmark are used again where they lie.
-Results go to reproduction/results/derived.json.
+motions, where `ldsim new` has any. All else is what that writes for the mesh, and what the rounds of
+`ldsim make --error` then change; they are judged by the validation motions. The same role's error of the settings by
+hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of that benchmark are used
+again where they lie. Results go to reproduction/results/derived.json.
 """
 
 from __future__ import annotations

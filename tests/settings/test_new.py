@@ -148,7 +148,7 @@ def test_a_solid_of_many_cells_learns_from_pulls_of_the_linear_space_that_are_li
     rod: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert invoked("new", str(rod), "--output", "few.yaml").exit_code == 0
-    monkeypatch.setattr("ldsim.settings.derived.MANY", 100)
+    monkeypatch.setattr("ldsim.settings.derived.MANY", 0)
     assert invoked("new", str(rod), "--output", "many.yaml").exit_code == 0
     few, many = (load_settings(Path(name)) for name in ("few.yaml", "many.yaml"))
     assert few.pca.synthetic is None and few.train.hidden == (48, 48, 48, 48)
