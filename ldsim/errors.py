@@ -30,6 +30,10 @@ class SolverError(LdsimError):
     """A time step or a fit could not be solved."""
 
 
+class LostMotionError(SolverError):
+    """A step of a motion has no solution in the full space, mostly because a cell is inverted."""
+
+
 class SettingsError(LdsimError):
     """A configuration file is missing, malformed or holds a value that is not allowed."""
 

@@ -25,7 +25,7 @@ from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.stepper import FullState, FullStepper, none_lost
 from ldsim.dynamics.simulate import simulate
-from ldsim.errors import ArtefactError, LdsimError, SolverError
+from ldsim.errors import ArtefactError, LdsimError, LostMotionError, SolverError
 from ldsim.jit import one_thread
 from ldsim.mechanics.motion import Motion
 from ldsim.pipeline.cluster import WorkerDied, result, started
@@ -43,7 +43,8 @@ def run_motions(
     workers: int,
     progress: Callable[[int, int], None],
     scheduler: str | None = None,
-) -> None:
+    going_on: bool = False,
+) -> dict[str, str]:
     """Run every motion to its end, continuing what an earlier call had begun.
 
     Args:
@@ -51,6 +52,10 @@ def run_motions(
         workers: processes on this machine, where no scheduler is given.
         progress: called now and then with the frames done and the motions still to finish.
         scheduler: address of a Dask scheduler whose workers see the files at the same paths.
+        going_on: whether a motion of which a step has no solution ends alone.
+
+    Returns:
+        Name → what was wrong, of the motions that ended so.
 
     Raises:
         LdsimError: of the first motion that failed, which is named, or the scheduler cannot be reached; the others
@@ -65,7 +70,7 @@ def run_motions(
     def show() -> None:
         progress(sum(store.frames_written(n_vertices * 12) for store in stores), len(waiting))
 
-    deaths = 0
+    deaths, lost = 0, {}
     while waiting:
         with started(min(workers, len(waiting)), scheduler) as found:
             before, lease = len(waiting), Lease.taken(folder)
@@ -75,7 +80,12 @@ def run_motions(
                     for motion in waiting
                 }
                 for future in _finished(tasks, show):
-                    result(future, found.died)
+                    try:
+                        result(future, found.died)
+                    except LostMotionError as error:
+                        if not going_on:
+                            raise
+                        lost[tasks[future].name] = str(error)
                     waiting.remove(tasks[future])
                     show()
             except WorkerDied:
@@ -84,6 +94,7 @@ def run_motions(
                     raise
             finally:
                 lease.given_back()
+    return lost
 
 
 def _finished(tasks: Iterable[Future[None]], show: Callable[[], None]) -> Iterator[Future[None]]:

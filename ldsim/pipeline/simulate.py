@@ -18,7 +18,7 @@ from ldsim.pipeline.choice_of_space import LATENT, chosen_space, judging, standi
 from ldsim.pipeline.comparison import Measured, Reference, compare_motion, residuals
 from ldsim.pipeline.options import SimulateOptions, SnapshotOptions
 from ldsim.pipeline.progress import SILENT, Progress
-from ldsim.pipeline.statement import BEFORE, about, bound, fresh_errors, judged_before, sentence
+from ldsim.pipeline.statement import BEFORE, LEFT_OUT, about, bound, fresh_errors, judged_before, left_out, sentence
 from ldsim.run import AUTO, REDUCED, Run
 from ldsim.space.novelty import Novelty
 from ldsim.space.space import Space
@@ -68,7 +68,7 @@ def simulate(
                 runs[space][name] = _with_novelty(trajectory, run.model.novelty)
                 notes[f"{space}_minimiser"] = minimiser
     if fresh:
-        notes[BEFORE] = int(judged_before(run, run.hash("model")))
+        notes |= {BEFORE: int(judged_before(run, run.hash("model"))), LEFT_OUT: left_out(run)}
     notes |= {"space": _space(run, runs, options), "material_changed": int(changed)}
     header = stage.header("simulation", read, -1, **notes)
     write_simulation(run.path("simulation"), header, runs, fresh)
@@ -76,7 +76,7 @@ def simulate(
     if options.statement is not None and fresh:
         said = bound(fresh["latent"], options.statement.quantile, options.statement.confidence)
         named = "" if notes["space"] == LATENT else LATENT
-        progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE]), named))
+        progress.tell(sentence(said, about(options.statement), bool(notes[BEFORE]), int(notes[LEFT_OUT]), named))
     for warning in _failed_steps(runs):
         progress.tell(f"warning: {warning}")
     for name, words in novel_frames(runs["latent"], run.model.novelty).items():

@@ -22,7 +22,7 @@ from ldsim.dynamics.full.linear_choice import choose
 from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.reduced.options import ReducedOptions
 from ldsim.dynamics.reduced.stepper import ReducedStepper
-from ldsim.errors import SolverError
+from ldsim.errors import LostMotionError, SolverError
 from ldsim.mechanics.motion import Motion
 from ldsim.mechanics.random_pulls import surface_pulls
 from ldsim.mechanics.scene import Scene
@@ -34,10 +34,11 @@ from ldsim.run import Run
 from ldsim.space.lifting import Lifting
 from ldsim.space.space import Space
 
-# Notes of the header of fresh.h5: how it was solved, and which model was there then.
-SOLVER, FIRST = "solver", "first_model"
-# A note of the header of simulation.h5: whether the fresh motions judged an earlier model too.
-BEFORE = "fresh_before"
+# Notes of the header of fresh.h5: how it was solved, which model was there then, how many motions the full space lost.
+SOLVER, FIRST, LOST = "solver", "first_model", "lost"
+# Notes of the header of simulation.h5: whether the fresh motions judged an earlier model too, and how many the full
+# space lost.
+BEFORE, LEFT_OUT = "fresh_before", "fresh_left_out"
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Bound:
 
     Attributes:
         error: infinite where too many were lost.
+        motions: that were tried.
     """
 
     quantile: float
@@ -87,10 +89,14 @@ def fresh_errors(
 ) -> dict[str, Array]:
     """Space → the online error of each fresh motion, (n,), infinite where it was lost.
 
-    Their full-space runs are kept beside the run, in fresh.h5, as long as solid, motions and solver stay the same.
+    Their full-space runs are kept beside the run, in fresh.h5, as long as solid, motions and solver stay the same. One
+    that the full space itself loses has nothing to be compared with, and is left out: what is said is of the others.
 
     Args:
         how: how many run side by side, and how their linear systems are solved; as usual where it is left out.
+
+    Raises:
+        SolverError: the full space lost all of them.
     """
     _run_fresh(run, options, progress, how, run.hash("model"))
     errors: dict[str, list[float]] = {space.name: [] for space in spaces}
@@ -150,10 +156,19 @@ def _run_fresh(
                 bar.reach(done)
 
             try:
-                run_motions(run.path("scene"), folder, missing, chosen, workers, show)
+                lost = run_motions(run.path("scene"), folder, missing, chosen, workers, show, going_on=True)
             except SolverError as error:
                 raise type(error)(f"simulate.statement, fresh {error}") from error
-        notes = {SOLVER: solver.model_dump_json(), FIRST: first if kept else model}
+        if len(lost) == len(motions):
+            raise LostMotionError(f"simulate.statement, every fresh motion is lost: {next(iter(lost.values()))}")
+        if lost:
+            which = f"the full space loses {len(lost)} of {len(motions)} fresh motions"
+            progress.tell(f"note: {which}, which are left out of what is stated: {next(iter(lost.values()))}")
+        for each in (each for each in motions if each.name in lost):
+            MotionStore(folder, each).remove()
+        motions = [each for each in motions if each.name not in lost]
+        notes: dict[str, str | float | int] = {SOLVER: solver.model_dump_json(), FIRST: first if kept else model}
+        notes[LOST] = len(lost)
         header = replace(stage.header("tests", ("scene",), options.pulls.seed, **notes), settings=own)
         stores = [(kept.get(each.name) or MotionStore(folder, each), each, "test") for each in motions]
         write_snapshots(path, header, stores, run.scene.mesh.n_vertices)
@@ -163,6 +178,12 @@ def judged_before(run: Run, model: str) -> bool:
     """Whether the fresh motions of a run have judged an earlier model than that of this hash."""
     with reading(run.path("fresh"), "tests") as file:
         return read_header(file).notes.get(FIRST, model) != model
+
+
+def left_out(run: Run) -> int:
+    """How many fresh motions of a run the full space lost."""
+    with reading(run.path("fresh"), "tests") as file:
+        return int(read_header(file).notes.get(LOST, 0))
 
 
 def about(options: StatementOptions) -> str:
@@ -175,16 +196,18 @@ def about(options: StatementOptions) -> str:
     )
 
 
-def sentence(found: Bound, what: str, before: bool = False, space: str = "") -> str:
+def sentence(found: Bound, what: str, before: bool = False, lost: int = 0, space: str = "") -> str:
     """The statement in words; `what` the motions are, see `about`, and whether they judged an earlier model too.
 
     Args:
+        lost: how many more the full space lost.
         space: named where it is not the one that is used.
     """
     within = f" in the {space} space" if space else ""
     share = f"{100 * found.quantile:.3g} % of motions like these"
     seen = "that judged an earlier model too" if before else "that nothing had seen"
-    with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones {seen}"
+    others = f"; the full space itself lost {lost} more, which are left out" if lost else ""
+    with_ = f"with {100 * found.confidence:.3g} % confidence, from {found.motions} fresh ones {seen}{others}"
     if not math.isfinite(found.error):
         return f"Nothing can be said of {share}{within}: too many of {found.motions} fresh ones were lost ({what})."
     return f"{share} stay within {100 * found.error:.3g} % of the full space{within} ({with_}; {what})."

@@ -18,7 +18,7 @@ from ldsim.pipeline.choice_of_space import equal_error
 from ldsim.pipeline.comparison import stretch
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.pipeline.options import SimulateOptions
-from ldsim.pipeline.statement import BEFORE, about, bound, sentence
+from ldsim.pipeline.statement import BEFORE, LEFT_OUT, about, bound, sentence
 from ldsim.report import schema
 from ldsim.report.frontier import MS_PER_S, advice, dimension, judged, points, spaces
 from ldsim.report.machine import describe_machine
@@ -283,11 +283,10 @@ def _statement(run: Run) -> schema.Statement | None:
     if options is None or not errors:
         return None
     bounds = {space: bound(errors[space], options.quantile, options.confidence) for space in REDUCED}
-    found, what = bounds["latent"], about(options)
+    found, what, notes = bounds["latent"], about(options), run.header("simulation").notes
+    before, lost = bool(notes.get(BEFORE, 0)), int(notes.get(LEFT_OUT, 0))
     return schema.Statement(
-        sentence=sentence(
-            found, what, bool(run.header("simulation").notes.get(BEFORE, 0)), "" if run.chosen == "latent" else "latent"
-        ),
+        sentence=sentence(found, what, before, lost, "" if run.chosen == "latent" else "latent"),
         about=what,
         motions=found.motions,
         quantile=found.quantile,

@@ -31,7 +31,7 @@ from ldsim.artefacts.records import read_scene
 from ldsim.artefacts.snapshots import Snapshots
 from ldsim.artefacts.store import file_hash
 from ldsim.dynamics.full.options import FullOptions
-from ldsim.errors import ArtefactError, MotionError, SolverError
+from ldsim.errors import ArtefactError, LostMotionError, MotionError, SolverError
 from ldsim.mechanics.motion import Drag, Motion
 from ldsim.pipeline import ensemble
 from ldsim.pipeline.cluster import Workers, result
@@ -190,6 +190,19 @@ def test_motions_that_share_a_scene_do_not_share_anything_else(scene: Path, tmp_
         run_motions(scene, tmp_path / folder, motions, SOLVER, 2, lambda *_: None)
     assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "m.frames").read_bytes()
     assert (tmp_path / "alone" / "m.frames").read_bytes() == (tmp_path / "beside" / "l.frames").read_bytes()
+
+
+def test_a_motion_that_the_full_space_loses_ends_alone_where_the_others_go_on(scene: Path, tmp_path: Path) -> None:
+    tip = max(read_scene(scene)[0].mesh.vertices, key=lambda vertex: vertex[1])
+    far = Drag(0, tip, np.full((10, 3), -20.0), 0.03, 1e3, at_rest=True)
+    motions = [Motion("far", 10, (far,)), still("good", 10)]
+    with pytest.raises(LostMotionError, match="^motion far: frame"):
+        run_motions(scene, tmp_path / "stopped", motions, SOLVER, 1, lambda *_: None)
+    lost = run_motions(scene, tmp_path / "gone_on", motions, SOLVER, 1, lambda *_: None, going_on=True)
+    assert list(lost) == ["far"] and lost["far"].startswith("motion far: frame ")
+    assert frames_of(tmp_path / "gone_on" / "good.checkpoint.h5") == 10
+    with pytest.raises(MotionError, match="^motion bad: the grab at frame 0 hits no vertex"):
+        run_motions(scene, tmp_path / "bad", [far_off("bad")], SOLVER, 1, lambda *_: None, going_on=True)
 
 
 def test_a_motion_that_fails_is_told_and_the_frames_of_the_others_are_kept(scene: Path, tmp_path: Path) -> None:

@@ -12,13 +12,15 @@ import pytest
 from scipy.stats import binom
 
 from ldsim.arrays import Array
+from ldsim.artefacts.snapshots import Snapshots
 from ldsim.dynamics.full.options import FullOptions
+from ldsim.errors import LostMotionError
 from ldsim.mechanics.options import PullOptions
 from ldsim.mesh.shapes import beam
 from ldsim.pipeline import snapshot as snapshots
 from ldsim.pipeline import statement
 from ldsim.pipeline.options import StatementOptions
-from ldsim.pipeline.progress import SILENT
+from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.pipeline.snapshot import snapshot
 from ldsim.pipeline.statement import Bound, about, bound, fresh_motions, sentence
 from tests.helpers import changed
@@ -157,9 +159,9 @@ def solvers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., li
     run, ran = made(tmp_path), list[FullOptions]()
     options = StatementOptions(motions=2, pulls=PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0))
 
-    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *rest: Any) -> None:
+    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *_: Any, **__: Any) -> dict[str, str]:
         ran.append(solver)
-        run_here(scene, folder, motions, solver, *rest)
+        return run_here(scene, folder, motions, solver)
 
     def of(**settings: object) -> list[FullOptions]:
         snapshot(run, motions(**settings), base=tmp_path)
@@ -175,9 +177,9 @@ def solvers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., li
 def test_who_asks_for_more_fresh_motions_waits_for_those_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run, ran = made(tmp_path), list[list[str]]()
 
-    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *rest: Any) -> None:
+    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, *_: Any, **__: Any) -> dict[str, str]:
         ran.append([each.name for each in motions])
-        run_here(scene, folder, motions, solver)
+        return run_here(scene, folder, motions, solver)
 
     monkeypatch.setattr(snapshots, "run_motions", run_here)
     monkeypatch.setattr(statement, "run_motions", noted)
@@ -188,6 +190,46 @@ def test_who_asks_for_more_fresh_motions_waits_for_those_alone(tmp_path: Path, m
     assert ran == [["fresh_0", "fresh_1"], ["fresh_2"], []]
 
 
+def test_motions_that_the_full_space_loses_are_left_out_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is stated is of those that there is something to compare with, and says so."""
+    run, told, going = made(tmp_path), list[str](), list[bool]()
+
+    def losing(scene: Path, folder: Path, motions: Any, solver: FullOptions, *_: Any, **kept: Any) -> dict[str, str]:
+        going.append(kept["going_on"])
+        lost = [each for each in motions if each.name in bad]
+        run_here(scene, folder, [each for each in motions if each not in lost], solver)
+        return {each.name: f"motion {each.name}: frame 1: a cell is inverted" for each in lost}
+
+    monkeypatch.setattr(snapshots, "run_motions", run_here)
+    monkeypatch.setattr(statement, "run_motions", losing)
+    snapshot(run, motions(), base=tmp_path)
+    pulls = PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0)
+    progress = Progress()
+    monkeypatch.setattr(progress, "tell", told.append)
+
+    def named(count: int) -> list[str]:
+        statement._run_fresh(run, StatementOptions(motions=count, pulls=pulls), progress)
+        with Snapshots(run.path("fresh"), kind="tests") as found:
+            return list(found.names)
+
+    bad = {"fresh_1"}
+    assert named(3) == ["fresh_0", "fresh_2"] and statement.left_out(run) == 1
+    assert told == [
+        "note: the full space loses 1 of 3 fresh motions, which are left out of what is stated: motion fresh_1: frame "
+        "1: a cell is inverted"
+    ]
+    assert named(4) == ["fresh_0", "fresh_2", "fresh_3"] and statement.left_out(run) == 1
+    assert going and all(going)
+    run.path("fresh").unlink()
+    bad = {"fresh_0", "fresh_1"}
+    with pytest.raises(LostMotionError, match="every fresh motion is lost: motion fresh_0: frame 1"):
+        named(2)
+    said = sentence(Bound(0.95, 0.95, 0.0463, 59), "pulls", lost=2)
+    assert "59 fresh ones that nothing had seen; the full space itself lost 2 more, which are left out; pulls" in said
+
+
 def test_as_many_fresh_motions_run_side_by_side_as_snapshots_and_by_their_linear_solver(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,9 +237,11 @@ def test_as_many_fresh_motions_run_side_by_side_as_snapshots_and_by_their_linear
     monkeypatch.setattr(snapshots, "run_motions", run_here)
     snapshot(run, motions(), base=tmp_path)
 
-    def noted(scene: Path, folder: Path, motions: Any, solver: FullOptions, workers: int, *rest: Any) -> None:
+    def noted(
+        scene: Path, folder: Path, motions: Any, solver: FullOptions, workers: int, *_: Any, **__: Any
+    ) -> dict[str, str]:
         asked.append((solver.linear_solver, workers))
-        run_here(scene, folder, motions, solver)
+        return run_here(scene, folder, motions, solver)
 
     monkeypatch.setattr(statement, "run_motions", noted)
     options = StatementOptions(motions=4, pulls=PullOptions(count=1, reach=0.1, radius=0.5, frames=2, rest=0))

@@ -40,9 +40,12 @@ def motions(**others: object) -> SnapshotOptions:
     return SnapshotOptions.model_validate({"motions": [{"name": "still", "recording": RECORDING}], **others})
 
 
-def run_here(scene_path: Path, folder: Path, motions: Sequence[Motion], options: FullOptions, *_: object) -> None:
+def run_here(
+    scene_path: Path, folder: Path, motions: Sequence[Motion], options: FullOptions, *_: object, **__: object
+) -> dict[str, str]:
     """In the place of `run_motions`, in this process."""
     lease = Lease.taken(folder)
     for motion in motions:
         run_motion(scene_path, lease, motion, options, file_hash(scene_path))
     lease.given_back()
+    return {}

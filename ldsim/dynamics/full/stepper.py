@@ -23,7 +23,7 @@ from ldsim.dynamics.full.options import FullOptions
 from ldsim.dynamics.full.potential import IncrementalPotential, rounding
 from ldsim.dynamics.full.preconditioner import WarpedHessian
 from ldsim.dynamics.simulate import Frame
-from ldsim.errors import SolverError
+from ldsim.errors import LostMotionError
 from ldsim.mechanics.elastic import smallest_volume_ratio
 from ldsim.mechanics.loads import Loads
 from ldsim.mechanics.pins import MovedPins
@@ -218,10 +218,10 @@ def none_lost(stepper: FullStepper, frames: Iterator[Frame[FullState]]) -> Itera
     """The frames of a run.
 
     Raises:
-        SolverError: one is lost, mostly because a cell is inverted; naming the frame, and what may help.
+        LostMotionError: one is lost, mostly because a cell is inverted; naming the frame, and what may help.
     """
     for frame in frames:
         if frame.lost:
             reason = frame.solution.reason.words
-            raise SolverError(f"frame {frame.number}: {reason}; {stepper.gone_wrong(frame.state)}")
+            raise LostMotionError(f"frame {frame.number}: {reason}; {stepper.gone_wrong(frame.state)}")
         yield frame
