@@ -13,6 +13,9 @@ from ldsim.artefacts.atomic import creating
 from ldsim.artefacts.sealed_file import check_size, datasets, opened
 from ldsim.errors import ArtefactError
 
+# In the folder of a run, beside the model that it becomes.
+PARTIAL = "model.partial"
+
 Arrays = Mapping[str, NDArray[np.generic]]
 
 

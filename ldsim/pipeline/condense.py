@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ldsim.arrays import Array, Indices
 from ldsim.artefacts.records import StoredModel
-from ldsim.artefacts.training import TrainingStore
+from ldsim.artefacts.training import PARTIAL, TrainingStore
 from ldsim.dynamics.reduced.stepper import ReducedStepper
 from ldsim.dynamics.synthetic import synthetic_frames
 from ldsim.errors import SettingsError, SolverError
@@ -56,7 +56,7 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
         SolverError: r is larger than the basis, or too few poses have an equilibrium.
     """
     _refuse(run, 1 if options.r is None else options.r)
-    chosen = needed_coordinates(run, options.r, progress)
+    chosen = _coordinates(run, options.r, progress)
     r, points = chosen.shape[1], options.condensed.points
     _refuse(run, r)
     if (least := -(-r // STRAINS)) > points:
@@ -74,12 +74,24 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
     return _stored(run, better_swinging(run, space, work.relaxation, options.condensed.modes, progress), found.loss, z)
 
 
+def _coordinates(run: Run, r: int | None, progress: Progress) -> Array:
+    """Those that are needed, (k, r), looked for once: what was interrupted goes on from them, as further rounds do."""
+    made_from = [run.hash(kind) for kind in ("scene", "snapshots", "basis")]
+    digest = hashlib.sha256(repr((made_from, r)).encode()).hexdigest()
+    store = TrainingStore(run.folder / PARTIAL, "coordinates", digest)
+    kept = store.load()
+    if kept is None:
+        kept = {"chosen": needed_coordinates(run, r, progress)}
+        store.save(kept)
+    return np.asarray(kept["chosen"], dtype=np.float64)
+
+
 class _Work:
     """Poses that are relaxed so far, and fits to them."""
 
     def __init__(self, run: Run, relaxation: Relaxation, options: TrainOptions, progress: Progress) -> None:
         self.run, self.relaxation, self.options, self.progress = run, relaxation, options, progress
-        self.partial = run.folder / "model.partial"
+        self.partial = run.folder / PARTIAL
         self.wanted, self.pieces = 0, list[Piece]()
 
     @property

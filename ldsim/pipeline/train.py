@@ -10,7 +10,7 @@ import numpy as np
 
 from ldsim.arrays import Array
 from ldsim.artefacts.records import StoredModel, write_model
-from ldsim.artefacts.training import TrainingStore, remove_checkpoints
+from ldsim.artefacts.training import PARTIAL, TrainingStore, remove_checkpoints
 from ldsim.jit import one_thread
 from ldsim.learn.examples import Examples, Poses, pose_forces
 from ldsim.learn.options import TrainOptions
@@ -40,7 +40,7 @@ def train(
         ArtefactError: scene, snapshots or basis are missing or do not fit each other.
         SolverError: there is nothing to learn, no r meets the tolerance, or the loss is not finite.
     """
-    stage, partial = run.stage("train", options), run.folder / "model.partial"
+    stage, partial = run.stage("train", options), run.folder / PARTIAL
     run.require("scene", "snapshots", "basis")
     if words := options.without_effect():
         progress.tell(words)
@@ -72,7 +72,7 @@ def _write(
     header = stage.header("model", ("snapshots", "basis"), options.seed, activation=options.activation, **notes)
     write_model(run.path("model"), header, model)
     if not keep:
-        remove_checkpoints(run.folder / "model.partial")
+        remove_checkpoints(run.folder / PARTIAL)
     run.written("model")
     return model
 

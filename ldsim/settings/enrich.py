@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ldsim.artefacts.atomic import replacing, writing
-from ldsim.artefacts.training import remove_checkpoints
+from ldsim.artefacts.training import PARTIAL, remove_checkpoints
 from ldsim.errors import SettingsError
 from ldsim.pipeline.convergence import ROUNDS, Round, improved, pull_errors, read_rounds, write_rounds
 from ldsim.report.overview import report_of
@@ -156,7 +156,7 @@ def learn(
         stated = None if statement is None else statement.latent.error
         held = stated is not None and 100 * stated <= percent
         if (_error(best) <= MARGIN * percent / 100) if statement is None else held:
-            remove_checkpoints(folder / "model.partial")
+            remove_checkpoints(folder / PARTIAL)
             return ran
         spent = time.monotonic() - begun
         if statement is None or best.error is None or (minutes is not None and spent + best.seconds > 60 * minutes):

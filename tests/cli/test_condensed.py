@@ -303,8 +303,9 @@ def test_own_poses_are_taken_no_farther_out_than_own_pulls_go(
 def test_an_interrupted_relaxation_keeps_what_was_done(again: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     with Run(again.run) as run:
         before = run.model.potential
-    done: list[int] = []
+    done, looked, needed = list[int](), list[Array](), condense.needed_coordinates
     relaxed = relaxed_poses.ChosenPoses.relaxed
+    monkeypatch.setattr(condense, "needed_coordinates", lambda *given: (looked.append(needed(*given)), looked[-1])[1])
 
     def interrupted(poses: Any, piece: int) -> dict[str, Any]:
         if piece == 2:
@@ -319,6 +320,7 @@ def test_an_interrupted_relaxation_keeps_what_was_done(again: Experiment, monkey
         relaxed_poses.ChosenPoses, "relaxed", lambda poses, piece: (done.append(piece), relaxed(poses, piece))[1]
     )
     assert again.invoke("train").exit_code == 0
+    assert len(looked) == 1
     assert done == [0, 1, 2, 0]  # and a piece of the poses that its own runs came to
     with Run(again.run) as run:
         after = run.model.potential
