@@ -244,7 +244,8 @@ def rows_before(name: str, model: str) -> list[Row]:
 def add_results(name: str, command: str, rows: Sequence[Row], inputs: Sequence[str]) -> Path:
     """Write the rows of some models into results/NAME.json, beside those of all others; returns the file.
 
-    Where others' rows come from stays with them, in `earlier` by model, where it was another code or configuration.
+    Where others' rows come from stays with them, in `earlier` by model, where it was another code, configuration or
+    command.
     """
     content, now = _results(name), origin(command, inputs=inputs)
     found = {model: rows_before(name, model) for model in dict.fromkeys(each["model"] for each in content["rows"])}
@@ -253,7 +254,9 @@ def add_results(name: str, command: str, rows: Sequence[Row], inputs: Sequence[s
     }
     before = {model: origin_of(content, model) for model in found if model not in own}
     other = {model: {key: each.get(key) for key in now} for model, each in before.items()}
-    earlier = {model: each for model, each in other.items() if each["inputs"] != now["inputs"]}
+    earlier = {
+        model: each for model, each in other.items() if any(each[key] != now[key] for key in ("inputs", "command"))
+    }
     path = RESULTS / f"{name}.json"
     write_json(path, now | ({"earlier": earlier} if earlier else {}) | {"rows": sum((found | own).values(), [])})
     return path
@@ -302,10 +305,13 @@ def _lines(value: Any, margin: str = "\n") -> str:
 
 
 def checked_out() -> str | None:
-    """What is checked out; null outside of a repository."""
-    command = ["git", "describe", "--always", "--abbrev=12", "--dirty"]
+    """What is checked out, "-dirty" where a file differs from it that is no result; null outside of a repository."""
+    commands = ("describe --always --abbrev=12", "status --porcelain --untracked-files=no -- . :!reproduction/results")
     try:
-        found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        commit, changed = (
+            subprocess.run(["git", *each.split()], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+            for each in commands
+        )
     except (OSError, subprocess.CalledProcessError):
         return None
-    return found.stdout.strip()
+    return f"{commit}-dirty" if changed else commit

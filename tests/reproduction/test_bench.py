@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import pkgutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -86,14 +87,37 @@ def test_rows_of_other_models_stay_and_tell_of_what_code_they_are(
     first = written("first", ("x", 0.1), ("beam", 0.2))
     again = written("again", ("x", 0.3))
     assert again["rows"] == [row("x", "error", 0.3), row("beam", "error", 0.2)]
-    assert "earlier" not in again  # all are of one code
+    assert {model: each["command"] for model, each in again["earlier"].items()} == {"beam": "first"}
+    assert "earlier" not in written("again", ("beam", 0.2))  # all are of one code and command
     write_json(tmp_path / "a.json", first | {"inputs": {"ldsim/space": "0" * 64}})
     other = written("other", ("x", 0.4))
     assert {model: each["command"] for model, each in other["earlier"].items()} == {"beam": "first"}
     assert other["earlier"]["beam"]["inputs"] == {"ldsim/space": "0" * 64} != other["inputs"]
-    assert written("third", ("dragon", 0.5))["earlier"] == other["earlier"]
-    last = written("last", ("beam", 0.6))
+    assert written("other", ("dragon", 0.5))["earlier"] == other["earlier"]
+    last = written("other", ("beam", 0.6))
     assert "earlier" not in last and harness.rows_before("a", "dragon") == [row("dragon", "error", 0.5)]
+
+
+def test_results_that_were_written_before_do_not_make_a_commit_dirty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def git(*words: str) -> None:
+        who = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+        subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    monkeypatch.setattr(harness, "ROOT", tmp_path)
+    code, result = tmp_path / "code.py", tmp_path / "reproduction" / "results" / "a.json"
+    result.parent.mkdir(parents=True)
+    for path in (code, result):
+        path.write_text("0", encoding="utf-8")
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-qm", "first")
+    clean = harness.checked_out()
+    result.write_text("1", encoding="utf-8")
+    assert clean is not None and harness.checked_out() == clean
+    code.write_text("1", encoding="utf-8")
+    assert harness.checked_out() == f"{clean}-dirty"
 
 
 def test_artefacts_differ_by_their_largest_number_and_not_by_measured_times(tmp_path: Path) -> None:
