@@ -105,7 +105,7 @@ def test_the_fewest_that_are_enough_are_found(monkeypatch: pytest.MonkeyPatch, l
     assert needed_coordinates(run, None, SILENT).shape == (k, found)
 
 
-@pytest.mark.parametrize(("change", "found"), [(1.0, 16), (8.0, 12)])
+@pytest.mark.parametrize(("change", "found"), [(1.0, 24), (4.0, 20), (6.0, 16), (8.0, 12)])
 def test_where_none_is_enough_those_are_taken_with_which_a_run_is_least_off(
     monkeypatch: pytest.MonkeyPatch, change: float, found: int
 ) -> None:
@@ -114,7 +114,7 @@ def test_where_none_is_enough_those_are_taken_with_which_a_run_is_least_off(
     def known(size: int, name: str) -> Slaving:
         return Slaving(np.array([0.32 / size]), np.array([change if name == "slowest" else 2 * change]), size)
 
-    assert found == min((8, 12, 16), key=lambda size: 0.32 / size + OF_CHANGE * (size / 12) ** 3 * change**2)
+    assert found == min((8, 12, 16, 20, 24), key=lambda size: 0.32 / size + OF_CHANGE * (size / 12) ** 3 * change**2)
     chosen = needed_coordinates(choosing(monkeypatch, 40, known), None, SILENT)
     np.testing.assert_array_equal(chosen, np.eye(40)[:, ::-1][:, :found])
 
