@@ -29,8 +29,9 @@ from ldsim.space.compliance import Compliance
 # that are looked at. Where a solid is next to buckling, a run is ten times as far off as the relaxed poses are: a ring
 # 12 % where its poses were 1.8 % off (r 4), 8 % where they were 0.4 % (r 8), and 3 % where they were 0.2 % (r 12).
 SIZES, ENOUGH, FRAMES = (4, 6, 8, 10, 12, 16), 0.0025, 24
-# Tried one after another where none of these is enough, as long as a run is expected to be less off with more.
-LARGER = (20, 24)
+# Tried one after another where none of these is enough, as long as a run is expected to be at most this share as far
+# off as with fewer: more take longer to relax and to step (docs/notebook/2026-11-30-more_coordinates.md).
+LARGER, WORTH = (20, 24), 0.75
 # What V_eff of so many coordinates misses, as a share of a motion, for the square of how much S changes in its frames.
 # It grows with the cube of their number, for S has r²/2 entries, each a function of r variables. Set by runs of two
 # solids, with 400 relaxed training poses (docs/notebook/2026-11-26-coordinates.md).
@@ -43,7 +44,7 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
     Every further coordinate makes V_eff a function of one more variable, which takes many more poses to know; so there
     are not as many as one can afford, but the fewest that are enough for the worst frame in one of the orders. By
     bisection: more coordinates hold more. Of the orders that is taken with which a run is expected to be less off;
-    where no number is enough, so is the number, among those tried and larger ones.
+    where no number is enough, so is the number, among those tried; and as long as that is worth it, larger ones are.
 
     Args:
         r: how many; None finds the fewest that are enough, or where none are, those with which a run is least off.
@@ -67,13 +68,15 @@ def needed_coordinates(run: Run, r: int | None, progress: Progress) -> Array:
         if (least, "largest") not in tried:
             enough(least)
         held = min(tried[least, name].worst for name in orders) <= ENOUGH
+        known = [each for each in tried if each[0] == least or not held]
+        best = min(known, key=lambda each: (tried[each].expected, -each[0]))
         for size in (each for each in LARGER if r is None and not held and each < run.basis.k):
-            before = min(each.expected for each in tried.values())
             enough(size)
-            if min(tried[size, name].expected for name in orders) >= before:
+            more = min(((size, name) for name in orders), key=lambda each: tried[each].expected)
+            if tried[more].expected > WORTH * tried[best].expected:
                 break
-    known = [each for each in tried if each[0] == least or not held]
-    size, name = min(known, key=lambda each: (tried[each].expected, abs(each[0] - SIZES[-1])))
+            best = more
+    size, name = best
     return np.ascontiguousarray(orders[name][:, :size])
 
 

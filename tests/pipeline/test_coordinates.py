@@ -105,7 +105,7 @@ def test_the_fewest_that_are_enough_are_found(monkeypatch: pytest.MonkeyPatch, l
     assert needed_coordinates(run, None, SILENT).shape == (k, found)
 
 
-@pytest.mark.parametrize(("change", "found"), [(1.0, 24), (4.0, 20), (6.0, 16), (8.0, 12)])
+@pytest.mark.parametrize(("change", "found"), [(1.0, 16), (6.0, 16), (8.0, 12)])
 def test_where_none_is_enough_those_are_taken_with_which_a_run_is_least_off(
     monkeypatch: pytest.MonkeyPatch, change: float, found: int
 ) -> None:
@@ -114,9 +114,27 @@ def test_where_none_is_enough_those_are_taken_with_which_a_run_is_least_off(
     def known(size: int, name: str) -> Slaving:
         return Slaving(np.array([0.32 / size]), np.array([change if name == "slowest" else 2 * change]), size)
 
-    assert found == min((8, 12, 16, 20, 24), key=lambda size: 0.32 / size + OF_CHANGE * (size / 12) ** 3 * change**2)
+    assert found == min((8, 12, 16), key=lambda size: 0.32 / size + OF_CHANGE * (size / 12) ** 3 * change**2)
     chosen = needed_coordinates(choosing(monkeypatch, 40, known), None, SILENT)
     np.testing.assert_array_equal(chosen, np.eye(40)[:, ::-1][:, :found])
+
+
+@pytest.mark.parametrize(
+    ("off", "k", "found"),
+    [
+        ({20: 0.7, 24: 0.5}, 40, 24),
+        ({20: 0.7, 24: 0.55}, 40, 20),  # of 0.7 no quarter less
+        ({20: 0.8, 24: 0.1}, 40, 16),
+        ({20: 0.7, 24: 0.5}, 24, 20),  # a space of all columns has nothing beside them
+    ],
+)
+def test_more_than_sixteen_are_taken_where_a_run_is_expected_to_be_a_quarter_less_off_with_each_four_more(
+    monkeypatch: pytest.MonkeyPatch, off: dict[int, float], k: int, found: int
+) -> None:
+    def known(size: int, name: str) -> Slaving:
+        return Slaving(np.array([0.1 * off.get(size, 16 / size)]), np.zeros(1), size)
+
+    assert needed_coordinates(choosing(monkeypatch, k, known), None, SILENT).shape == (k, found)
 
 
 @pytest.mark.parametrize("off", [np.nan, np.inf])
