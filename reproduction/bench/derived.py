@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from ldsim.pipeline.convergence import read_rounds
-from ldsim.report.frontier import on_role
+from ldsim.report.frontier import on_motions
 from ldsim.report.schema import ROLES
 from ldsim.run import Run
 from ldsim.settings import Settings, load_settings
@@ -72,25 +72,32 @@ def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float
         ),
     ]
     with Run.open(folder / "runs" / solid) as run:
-        rows.append(row(solid, "r", run.model.decoder.r, "", "<= 16"))
+        rows.append(row(solid, "r", run.model.decoder.r))
         for role in ROLES:
             rows += judged(solid, role, run)
     return rows
 
 
 def judged(solid: str, role: str, run: Run) -> list[Row]:
-    """Errors and steps of a role's motions, and those of the settings by hand."""
-    rows = []
-    for name, space in KINDS.items():
-        for found in (each for each in on_role(run, role) if each.space == space):
-            rows.append(row(solid, f"error, {role}, {name}", found.error))
-            rows.append(row(solid, f"step, {role}, {name}", 1e6 * found.seconds, "µs"))
+    """Errors and steps of a role's motions, and those of the settings by hand: of those together that both were judged
+    by, and of each where there are several.
+    """
     before = {each["quantity"]: each["value"] for each in rows_before(f"frontier_{solid}", solid)}
-    for what, unit in {"error": "", "step": "µs"}.items():
-        for which in ("least", "middle", "largest"):
-            label = f"{what}, {role}, condensed, {which}"
-            if label in before:
-                rows.append(row(solid, f"{what}, {role}, by hand, {which}", before[label], unit))
+    names = [name for name in run.simulation["latent"] if run.motions[name].role == role]
+    known = [name for name in names if f"error, {name} ({role}), condensed, middle" in before] or names
+    sets = {role: known, **({f"{name} ({role})": [name] for name in names} if len(names) > 1 else {})}
+    rows = []
+    for motions, some in sets.items() if names else ():
+        standings = {each.space: each for each in on_motions(run, some)}
+        for name, space in KINDS.items():
+            if space in standings:
+                rows.append(row(solid, f"error, {motions}, {name}", standings[space].error))
+                rows.append(row(solid, f"step, {motions}, {name}", 1e6 * standings[space].seconds, "µs"))
+        for what, unit in {"error": "", "step": "µs"}.items():
+            for which in ("least", "middle", "largest"):
+                label = f"{what}, {motions}, condensed, {which}"
+                if label in before:
+                    rows.append(row(solid, f"{what}, {motions}, by hand, {which}", before[label], unit))
     return rows
 
 

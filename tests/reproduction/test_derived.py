@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from ldsim.pipeline.choice_of_space import Standing
 from ldsim.report.frontier import on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
@@ -51,3 +54,26 @@ def test_errors_of_a_role_stand_beside_those_by_hand(tmp_path: Path, monkeypatch
     assert found["step, train, derived"] == pytest.approx(1e6 * latent.seconds)
     assert found["error, train, by hand, middle"] == found["step, train, by hand, middle"] == 0.5
     assert "error, train, by hand, least" not in found
+
+
+def test_of_a_role_those_motions_count_that_both_were_judged_by_and_each_is_told_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = [row("x", f"error, {motions}, condensed, middle", 0.5) for motions in ("test", "a (test)", "b (test)")]
+    errors = {"a": 0.1, "b": 0.2, "fresh": 0.4, "learned": 0.8}
+    roles = {name: SimpleNamespace(role="train" if name == "learned" else "test") for name in errors}
+    run: Any = SimpleNamespace(simulation={"latent": dict.fromkeys(errors)}, motions=roles)
+    monkeypatch.setattr(derived, "rows_before", lambda name, solid: before)
+    monkeypatch.setattr(
+        derived, "on_motions", lambda run, names: [Standing("latent", sum(errors[name] for name in names), 1e-6)]
+    )
+    found = {each["quantity"]: each["value"] for each in judged("x", "test", run) if "step" not in each["quantity"]}
+    assert found == {
+        "error, test, derived": pytest.approx(0.3),
+        "error, test, by hand, middle": 0.5,
+        "error, a (test), derived": 0.1,
+        "error, a (test), by hand, middle": 0.5,
+        "error, b (test), derived": 0.2,
+        "error, b (test), by hand, middle": 0.5,
+        "error, fresh (test), derived": 0.4,
+    }
