@@ -137,6 +137,16 @@ def test_more_than_sixteen_are_taken_where_a_run_is_expected_to_be_a_quarter_les
     assert needed_coordinates(choosing(monkeypatch, k, known), None, SILENT).shape == (k, found)
 
 
+@pytest.mark.parametrize(("r", "off", "found"), [(None, 0.002, 4), (16, 0.1, 16)])
+def test_more_than_sixteen_are_not_asked_for_where_fewer_are_enough_or_a_number_is_given(
+    monkeypatch: pytest.MonkeyPatch, r: int | None, off: float, found: int
+) -> None:
+    def known(size: int, name: str) -> Slaving:
+        return Slaving(np.array([off if size <= 16 else 0.0]), np.zeros(1), size)
+
+    assert needed_coordinates(choosing(monkeypatch, 40, known), r, SILENT).shape == (40, found)
+
+
 @pytest.mark.parametrize("off", [np.nan, np.inf])
 def test_where_nothing_can_be_told_there_are_as_many_as_there_may_be(
     monkeypatch: pytest.MonkeyPatch, off: float
