@@ -79,15 +79,16 @@ def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float
 
 
 def judged(solid: str, role: str, run: Run) -> list[Row]:
-    """Errors and steps of a role's motions, and those of the settings by hand: of those together that both were judged
-    by, and of each where there are several.
+    """Errors and steps of a role's motions, and those of the settings by hand.
+
+    Of those motions together that both were judged by, and of each where a role has several.
     """
     before = {each["quantity"]: each["value"] for each in rows_before(f"frontier_{solid}", solid)}
     names = [name for name in run.simulation["latent"] if run.motions[name].role == role]
     known = [name for name in names if f"error, {name} ({role}), condensed, middle" in before] or names
     sets = {role: known, **({f"{name} ({role})": [name] for name in names} if len(names) > 1 else {})}
     rows = []
-    for motions, some in sets.items() if names else ():
+    for motions, some in sets.items():
         standings = {each.space: each for each in on_motions(run, some)}
         for name, space in KINDS.items():
             if space in standings:

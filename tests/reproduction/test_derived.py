@@ -54,6 +54,7 @@ def test_errors_of_a_role_stand_beside_those_by_hand(tmp_path: Path, monkeypatch
     assert found["step, train, derived"] == pytest.approx(1e6 * latent.seconds)
     assert found["error, train, by hand, middle"] == found["step, train, by hand, middle"] == 0.5
     assert "error, train, by hand, least" not in found
+    assert not [quantity for quantity in found if "(train)" in quantity]  # there is one motion
 
 
 def test_of_a_role_those_motions_count_that_both_were_judged_by_and_each_is_told_alone(
