@@ -7,7 +7,7 @@ import click
 from ldsim.cli.stage import Call, stage_command
 from ldsim.errors import ArtefactError
 from ldsim.pipeline.mesh import mesh
-from ldsim.pipeline.solid import solid_lines
+from ldsim.settings.derived import looked_at
 from ldsim.settings.make import FILES, Staleness
 
 
@@ -23,7 +23,7 @@ def command(call: Call) -> None:
         f"{scene.mesh.n_vertices} vertices, {scene.mesh.n_cells} {scene.mesh.cell_type} cells, "
         f"{int(scene.pinned.sum())} vertices pinned, {scene.mass.sum():.3g} kg, diagonal {scene.mesh.diagonal:.3g} m",
     )
-    for line in solid_lines(scene, call.settings.snapshot):
+    for line in looked_at(call.settings, scene):
         click.echo(line)
 
 

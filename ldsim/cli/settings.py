@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -10,6 +11,7 @@ from ldsim.cli.parameters import on_configuration
 from ldsim.pipeline.solid import solid_of
 from ldsim.run import Run
 from ldsim.settings import load_settings
+from ldsim.settings.derived import looked_at
 
 
 @on_configuration("settings", "Check a configuration and print it with defaults.")
@@ -18,5 +20,6 @@ def command(config: Path, runs: Path) -> None:
     click.echo(settings.dump(), nl=False)
     if words := settings.train.without_effect():
         click.echo(f"# {words}")
-    for line in solid_of(Run(runs / settings.experiment), settings.mesh, settings.snapshot, config.parent):
+    run = Run(runs / settings.experiment)
+    for line in solid_of(run, settings.mesh, partial(looked_at, settings), config.parent):
         click.echo(f"# {line}")

@@ -91,10 +91,10 @@ class CubatureOptions(FitOptions):
         bool,
         Field(description="Give the linear spaces as many points as the latent one has (paper, Table 1)."),
     ] = False
-    poses: Annotated[int, Field(ge=1, description="Most poses of the training motions to fit.")] = 400
+    poses: Annotated[int, Field(ge=1, description="Most poses of the training motions to fit.")] = 200
     heldout_poses: Annotated[
         int, Field(ge=1, description="Most poses of the training motions kept back from the fit.")
-    ] = 200
+    ] = 50
     virtual: VirtualOptions = VirtualOptions()
     threads: Annotated[
         int, Field(ge=0, description="That share out the poses; 0 for one a core. The result is the same.")

@@ -216,7 +216,7 @@ class _Fit:
         biases[-1] = np.concatenate([np.zeros(r), biases[-1] * out])
         skip = np.hstack([np.eye(r), -F @ model.at_rest() * out])
         skip[:, r + m :] += self.samples.rest_slaved
-        decoder = Decoder.network(weights, biases, self.options.activation, skip)
+        decoder = Decoder.network(weights, biases, self.options.nonlinearity, skip)
         select = np.vstack([np.eye(r), np.zeros((decoder.k - r, r))])
         return Condensed(
             decoder, Encoder((select,), (np.zeros(r),)), self._rule(model.strains(), decoder.k, errors), loss

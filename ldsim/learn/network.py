@@ -47,10 +47,10 @@ class Autoencoder(torch.nn.Module):
         super().__init__()
         k = len(spread)
         self.r = r
-        self.activation = options.activation
+        self.activation = options.nonlinearity
         codes = 2 * r if options.variational else r
-        self.encoder = perceptron([k, *reversed(options.hidden), codes], options.activation)
-        self.decoder = perceptron([r, *options.hidden, k], options.activation)
+        self.encoder = perceptron([k, *reversed(options.layers), codes], options.nonlinearity)
+        self.decoder = perceptron([r, *options.layers, k], options.nonlinearity)
         self.register_buffer("spread", spread)
         self.register_buffer("zero_q", torch.zeros(1, k))
         self.register_buffer("zero_z", torch.zeros(1, r))

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from ldsim.options import Field, Options, Positive, Seed
 
+Activation = Literal["elu", "relu", "tanh", "sigmoid"]
+
 # What a condensed space has no use for; an autoencoder has none for the section `condensed`.
 OF_AUTOENCODER = (
     "tolerance_mm",
@@ -25,6 +27,14 @@ OF_AUTOENCODER = (
 )
 
 Width = Annotated[int, Field(ge=1, le=2000)]
+
+# Of hidden layers that were left out. A condensed space of a solid of many unknowns has the wider ones.
+ACTIVATIONS: dict[str, Activation] = {"autoencoder": "elu", "condensed": "tanh"}
+LAYERS = {"autoencoder": (100, 100), "condensed": (48, 48, 48, 48)}
+MANY, WIDER = 25_000, (80, 80, 80, 80)
+# Poses of training motions that are relaxed, and of each round of own runs: so many, or up to twice as many of a solid
+# of fewer unknowns, for there a pose costs less than what is fitted to it.
+POSES, EXPLORED, UNKNOWNS = 200, 150, 9000
 
 
 class LossTerm(Options):
@@ -49,12 +59,18 @@ class Denoising(Options):
 class CondensedOptions(Options):
     """A condensed latent space: what is relaxed, and what is fitted to it."""
 
-    poses: Annotated[int, Field(ge=1, description="Training poses that are relaxed.")] = 200
+    poses: Annotated[
+        int | None,
+        Field(ge=1, description="Training poses that are relaxed; left out, 200, or up to 400 of a small solid."),
+    ] = None
     shell: Annotated[int, Field(ge=0, description="Perturbed poses around each that are relaxed too.")] = 1
     rounds: Annotated[
         int, Field(ge=0, description="How often the model is run under other loads, and learns from where it went.")
     ] = 2
-    explored: Annotated[int, Field(ge=1, description="Poses of its own runs that are relaxed in each round.")] = 80
+    explored: Annotated[
+        int | None,
+        Field(ge=1, description="Poses of its own runs that are relaxed in each round; left out, 150, or up to 300."),
+    ] = None
     points: Annotated[int, Field(ge=1, description="Virtual points of the potential V_eff.")] = 24
     features: Annotated[int, Field(ge=0, description="Learned functions of z that they see beside z.")] = 24
     columns: Annotated[int, Field(ge=1, description="Most modes of what is slaved to z beside rest's tangents.")] = 80
@@ -63,6 +79,15 @@ class CondensedOptions(Options):
         int, Field(ge=0, description="Slowest modes beside z, which may swing: where motions are a tenth less off.")
     ] = 48
 
+    def relaxed(self, unknowns: int) -> tuple[int, int]:
+        """How many poses of the training motions are relaxed, and of each round of own runs.
+
+        Args:
+            unknowns: of the solid, 3 for each free vertex.
+        """
+        times = min(max(UNKNOWNS / unknowns, 1.0), 2.0)
+        return self.poses or round(POSES * times), self.explored or round(EXPLORED * times)
+
 
 class TrainOptions(Options):
     """Training of the latent space: an autoencoder in PCA coordinates (paper, Sec. 4), or a condensed space."""
@@ -70,7 +95,7 @@ class TrainOptions(Options):
     kind: Annotated[
         Literal["autoencoder", "condensed"],
         Field(description="condensed: all but r coordinates in static equilibrium (docs/guide/theory.md)."),
-    ] = "autoencoder"
+    ] = "condensed"
     condensed: Annotated[CondensedOptions, Field(description="Of a condensed space.")] = CondensedOptions()
 
     r: Annotated[
@@ -84,9 +109,17 @@ class TrainOptions(Options):
         Positive, Field(description="Largest vertex error that the search of an autoencoder allows, mm.")
     ] = 6.0
     hidden: Annotated[
-        tuple[Width, ...], Field(min_length=1, description="Widths of the hidden layers of the decoder.")
-    ] = (100, 100)
-    activation: Annotated[Literal["elu", "relu", "tanh", "sigmoid"], Field(description="Of the hidden layers.")] = "elu"
+        tuple[Width, ...] | None,
+        Field(
+            min_length=1,
+            description="Widths of the decoder's hidden layers; left out, [100, 100] of an autoencoder, of a condensed "
+            "space four of 48, or of 80 of a large solid.",
+        ),
+    ] = None
+    activation: Annotated[
+        Activation | None,
+        Field(description="Of the hidden layers; left out, elu of an autoencoder, tanh of a condensed space."),
+    ] = None
     # Small coordinates are stiff ones, and forces hang on them: with all errors alike they are learned last.
     balance: Annotated[
         float,
@@ -123,6 +156,29 @@ class TrainOptions(Options):
     device: Annotated[
         str, Field(pattern=r"^(auto|cpu|cuda(:\d+)?)$", description="Of an autoencoder; auto takes CUDA where it is.")
     ] = "auto"
+
+    @property
+    def layers(self) -> tuple[int, ...]:
+        """Widths of the hidden layers of the decoder, of a solid that is not large where they were left out."""
+        return self.hidden or LAYERS[self.kind]
+
+    @property
+    def nonlinearity(self) -> Activation:
+        """Of the hidden layers."""
+        return self.activation or ACTIVATIONS[self.kind]
+
+    def of_solid(self, unknowns: int) -> TrainOptions:
+        """The same with what was left out, as it follows from the kind and from the solid.
+
+        Args:
+            unknowns: of the solid, 3 for each free vertex.
+        """
+        if self.kind == "autoencoder":
+            return self.replace(hidden=self.layers, activation=self.nonlinearity)
+        hidden = self.hidden or (WIDER if unknowns > MANY else self.layers)
+        poses, explored = self.condensed.relaxed(unknowns)
+        condensed = self.condensed.replace(poses=poses, explored=explored)
+        return self.replace(hidden=hidden, activation=self.nonlinearity, condensed=condensed)
 
     def without_effect(self) -> str:
         """That what was given says nothing to this kind, in a line; empty where all has an effect, or is a default."""

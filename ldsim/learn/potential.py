@@ -123,7 +123,7 @@ class PotentialNetwork:
     def drawn(cls, ratio: Numbers, spread: Numbers, tangents: Numbers, options: TrainOptions) -> PotentialNetwork:
         """One to begin with, by torch's own random numbers; float64."""
         r, points, features = len(tangents), len(ratio), options.condensed.features
-        network = perceptron([r, *options.hidden, features + len(spread)], options.activation)
+        network = perceptron([r, *options.layers, features + len(spread)], options.nonlinearity)
         # small strains, so that no point starts inverted
         maps = 0.15 / math.sqrt(r) * torch.randn(9 * points, r + features)
         last = network[-1]
@@ -131,7 +131,7 @@ class PotentialNetwork:
         torch.nn.init.normal_(last.weight, 0.0, 0.1 / math.sqrt(last.in_features))
         weights, biases = map(tuple, layers(network))
         logarithms = np.full(points, math.log(3.0 / points))
-        drawn = cls(weights, biases, options.activation, maps.numpy(), logarithms, ratio, spread, tangents)
+        drawn = cls(weights, biases, options.nonlinearity, maps.numpy(), logarithms, ratio, spread, tangents)
         return drawn.in_precision(np.float64)
 
     def in_precision(self, dtype: type[np.floating]) -> PotentialNetwork:

@@ -36,23 +36,38 @@ def covering_pulls(name: str, scene: Scene, like: Sequence[Motion], count: int, 
     Where those have no pulls, gravity alone turns.
 
     Args:
-        like: radius and stiffness are their medians, the pointer goes up to `FARTHER` times as far as in any of them.
+        like: what they are like; but the pointer goes up to `FARTHER` times as far.
         count: of pulls, each followed by as many frames of free motion.
     """
-    drags = [drag for motion in like for drag in motion.drags]
-    frames = max(int(np.median([len(drag.targets) for drag in drags])), 2) if drags else STILL
-    pulls = PullOptions(count=count, seed=seed, reach=1.0, frames=frames, rest=frames)
+    pulls = pulls_like(like, count, seed)
+    frames = STILL if pulls is None else pulls.frames
     motion = Motion(name, count * 2 * frames)
-    if drags:
-        reach = float(np.max([np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in drags]))
-        radius, stiffness = (float(np.median([getattr(d, what) for d in drags])) for what in ("radius", "stiffness"))
-        known = {"reach": FARTHER * max(reach, radius), "stiffness": stiffness, "radius": radius}
-        motion = surface_pulls(name, scene, pulls.model_copy(update=known))
+    if pulls is not None:
+        motion = surface_pulls(name, scene, pulls.model_copy(update={"reach": FARTHER * pulls.reach}))
     turned = [float(np.linalg.norm(motion.gravity, axis=1).max()) for motion in like if motion.gravity is not None]
     strongest = max(float(np.linalg.norm(scene.gravity)), *turned, 0.0)
     directions = spread_directions(count, np.random.default_rng((seed, 1))) * strongest
     directions[::2] = scene.gravity
     return replace(motion, gravity=np.repeat(directions, 2 * frames, axis=0))
+
+
+def pulls_like(motions: Sequence[Motion], count: int, seed: int) -> PullOptions | None:
+    """Pulls as stiff, as wide and as long as the median of those of some motions; they go as far as any of these.
+
+    Args:
+        count: how many, each followed by as many frames of free motion.
+
+    Returns:
+        None where those motions have no pulls.
+    """
+    drags = [drag for motion in motions for drag in motion.drags]
+    if not drags:
+        return None
+    frames = max(int(np.median([len(drag.targets) for drag in drags])), 2)
+    reach = float(np.max([np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in drags]))
+    radius, stiffness = (float(np.median([getattr(d, what) for d in drags])) for what in ("radius", "stiffness"))
+    pulls = PullOptions(count=count, seed=seed, reach=1.0, frames=frames, rest=frames)
+    return pulls.model_copy(update={"reach": max(reach, radius), "stiffness": stiffness, "radius": radius})
 
 
 def spread_points(scene: Scene, count: int) -> Indices:

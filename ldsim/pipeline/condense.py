@@ -65,11 +65,11 @@ def condensed_model(run: Run, q: Array, displacement: Frames, options: TrainOpti
         )
     z = q @ chosen
     work = _Work(run, Relaxation(run.scene, combined(run.basis, chosen)), options, progress)
-    work.relax("relaxed", z, displacement, options.condensed.poses)
+    work.relax("relaxed", z, displacement, work.poses)
     for number in range(options.condensed.rounds):
         work.explore(number, z)
     work.tell_lost()
-    found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps, options.hidden)
+    found, basis = work.fit(options.condensed.rounds + 1, options.condensed.steps, options.layers)
     space = Space.condensed(run.scene, basis, (found.decoder, found.encoder), found.potential)
     return _stored(run, better_swinging(run, space, work.relaxation, options.condensed.modes, progress), found.loss, z)
 
@@ -92,6 +92,7 @@ class _Work:
     def __init__(self, run: Run, relaxation: Relaxation, options: TrainOptions, progress: Progress) -> None:
         self.run, self.relaxation, self.options, self.progress = run, relaxation, options, progress
         self.partial = run.folder / PARTIAL
+        self.poses, self.explored = options.condensed.relaxed(3 * len(run.scene.free))
         self.wanted, self.pieces = 0, list[Piece]()
 
     @property
@@ -118,9 +119,8 @@ class _Work:
                 comes farther than that in the energy norm is a run that is lost in what is not known yet: poses out
                 there take longest to relax, and the fit would be good there at the expense of all others.
         """
-        have, count = self.z, self.options.condensed.explored
-        condensed = self.options.condensed
-        hidden = tuple(min(width, NARROW) for width in self.options.hidden)
+        have, condensed = self.z, self.options.condensed
+        hidden = tuple(min(width, NARROW) for width in self.options.layers)
         # who asks for more rounds, or wider layers, goes on from these
         options = self.options.replace(hidden=hidden, condensed=condensed.replace(rounds=0))
         digest = hashlib.sha256(have.tobytes() + repr((number, options)).encode()).hexdigest()
@@ -132,16 +132,16 @@ class _Work:
             root, z = energy_root(self.relaxation), self._own_frames(space, number)
             farthest = FARTHER * np.linalg.norm(trained @ root, axis=1).max()
             z = z[np.linalg.norm(z @ root, axis=1) <= farthest]
-            z = z[farthest_points(z @ root, min(count, len(z)), have @ root)]
+            z = z[farthest_points(z @ root, min(self.explored, len(z)), have @ root)]
             kept = {"z": z, "u": np.array([space.displacement(space.decoder(each)) for each in z], dtype=np.float32)}
             store.save(kept)
         u = np.asarray(kept["u"], dtype=np.float64)
-        self.relax(f"round {number + 1}", np.asarray(kept["z"], dtype=np.float64), u.__getitem__, count, have)
+        self.relax(f"round {number + 1}", np.asarray(kept["z"], dtype=np.float64), u.__getitem__, self.explored, have)
 
     def _own_frames(self, space: Space, number: int) -> Array:
         """Coordinates of the frames of its own runs, (f, r)."""
         run, motions = self.run, [self.run.recorded(name).motion for name in self.run.snapshots.with_role("train")]
-        count = PULLS * self.options.condensed.explored
+        count = PULLS * self.explored
         # of its own: with small numbers the pulls would be where those of a configuration's motions are
         seed = int(np.random.SeedSequence((self.options.seed, OWN, number)).generate_state(1)[0])
         pulls = covering_pulls(f"round {number + 1}", run.scene, motions, count, seed)
@@ -173,11 +173,13 @@ class _Work:
 
 def _refuse(run: Run, r: int) -> None:
     if run.header("snapshots").notes.get("quasistatic", 0):
-        raise SettingsError("train.kind is condensed, but the snapshots are quasi-static; a condensed space is stepped")
+        raise SettingsError("train.kind is condensed, but the snapshots are quasi-static; use train.kind: autoencoder")
     if is_identity(run.basis.metric):
-        raise SettingsError("train.kind is condensed; it needs pca.inner_product: mass, got euclidean")
+        raise SettingsError(
+            "train.kind is condensed; it needs pca.inner_product: mass, got euclidean; or use train.kind: autoencoder"
+        )
     if run.lifting.count:
-        raise SettingsError("train.kind is condensed, but pins move; a condensed space needs pins that stand still")
+        raise SettingsError("train.kind is condensed, but pins move; use train.kind: autoencoder")
     if (run.scene.lam < 0).any():
         raise SettingsError(
             "train.kind is condensed, but a material has a negative Poisson's ratio, of which V_eff is not fitted; "

@@ -13,8 +13,9 @@ from ldsim.artefacts.records import write_basis
 from ldsim.artefacts.training import TrainingStore, remove_checkpoints
 from ldsim.dynamics.synthetic import synthetic_frames, synthetic_stepper
 from ldsim.jit import one_thread
+from ldsim.learn.options import MANY
 from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.random_pulls import surface_pulls
+from ldsim.mechanics.random_pulls import pulls_like, surface_pulls
 from ldsim.pipeline.progress import SILENT, Progress
 from ldsim.run import Run
 from ldsim.space.basis import Basis, inner_product
@@ -24,6 +25,8 @@ from ldsim.space.projection import all_coordinates
 
 # Synthetic pulls that are run one after another; then the solid is at rest again.
 PULLS_TOGETHER = 10
+# How many are made of a large solid, where that is left open, and their seed.
+SYNTHETIC, SEED = 40, 11
 
 
 def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
@@ -38,13 +41,13 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
     stage = run.stage("pca", options)
     run.require("scene", "snapshots")
     metric, partial = inner_product(run.scene.mass, options.inner_product), run.folder / "basis.partial"
-    identity = f"{run.hash('scene')} {run.hash('snapshots')} {options.inner_product} {options.k}"
+    identity = f"{run.hash('scene')} {run.hash('snapshots')} {options.inner_product} {options.columns}"
     with one_thread(), progress.bar("pca", 2, "pass") as bar:
         found = fit_basis(run.chunks("train"), metric, options, TrainingStore(partial, "spectrum", identity))
         bar.update()
-        if options.synthetic is not None:
+        if (pulls := synthetic_pulls(run, options)) is not None:
             q = all_coordinates(run.chunks("train"), found.basis)
-            synthetic = _synthetic(run, found.basis, options.synthetic, q, partial, progress)
+            synthetic = _synthetic(run, found.basis, pulls, q, partial, progress)
             found = turned(found, q, synthetic, run.chunks("train"))
         if run.snapshots.with_role("validation"):
             largest, mean = errors_against_k(run.chunks("validation"), found.basis)
@@ -54,6 +57,15 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
     run.written("basis")
     remove_checkpoints(partial)
     return found
+
+
+def synthetic_pulls(run: Run, options: PcaOptions) -> PullOptions | None:
+    """The synthetic pulls that are asked for; `auto` are some like those of the training motions, of a large solid."""
+    if options.synthetic != "auto":
+        return options.synthetic
+    if 3 * len(run.scene.free) <= MANY or run.quasistatic:
+        return None
+    return pulls_like([run.recorded(name).motion for name in run.snapshots.with_role("train")], SYNTHETIC, SEED)
 
 
 def _synthetic(run: Run, basis: Basis, options: PullOptions, q: Array, partial: Path, progress: Progress) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -142,14 +142,14 @@ def solid_lines(scene: Scene, options: SnapshotOptions) -> list[str]:
     return described(solid, list(pulls.values()))
 
 
-def solid_of(run: Run, mesh: MeshOptions, snapshot: SnapshotOptions, base: Path) -> list[str]:
-    """The same of a solid that no stage has made yet, but not of a surface, which would have to be filled first."""
+def solid_of(run: Run, mesh: MeshOptions, tell: Callable[[Scene], list[str]], base: Path) -> list[str]:
+    """What there is to tell of a solid that no stage may have made yet; a surface would have to be filled first."""
     try:
         if run.path("scene").is_file() and run.header("scene").settings == mesh.dump():
-            return solid_lines(run.scene, snapshot)
+            return tell(run.scene)
         if mesh.surface is not None:
             return [f"what the solid does will be told by `ldsim mesh`, which fills {mesh.surface.file}"]
-        return solid_lines(described_scene(mesh, SILENT, base)[0], snapshot)
+        return tell(described_scene(mesh, SILENT, base)[0])
     except LdsimError as error:
         return [f"warning: the solid could not be looked at: {' '.join(str(error).split())}"]
 

@@ -42,6 +42,7 @@ def train(
     """
     stage, partial = run.stage("train", options), run.folder / PARTIAL
     run.require("scene", "snapshots", "basis")
+    options = options.of_solid(3 * len(run.scene.free))
     if words := options.without_effect():
         progress.tell(words)
     with one_thread():
@@ -69,7 +70,7 @@ def _write(
     run: Run, stage: Stage, model: StoredModel, options: TrainOptions, notes: dict[str, int], keep: bool
 ) -> StoredModel:
     """Write model.h5, and remove what an interrupted run would have gone on from, unless it is to be kept."""
-    header = stage.header("model", ("snapshots", "basis"), options.seed, activation=options.activation, **notes)
+    header = stage.header("model", ("snapshots", "basis"), options.seed, activation=options.nonlinearity, **notes)
     write_model(run.path("model"), header, model)
     if not keep:
         remove_checkpoints(run.folder / PARTIAL)

@@ -15,7 +15,6 @@ from ldsim.mechanics.materials import material_names
 from ldsim.report.schema import STAGES, MotionRun, RunNumbers
 from ldsim.report.wording import readable
 from ldsim.run import Run
-from ldsim.space.options import PcaOptions
 
 # A reconstruction, or what PCA cuts off, is bad beyond this share of what the motion moves.
 POOR = 0.03
@@ -38,12 +37,14 @@ class Facts:
     Attributes:
         materials: of the solid, by name.
         time_step: s.
+        synthetic: whether the latent space learned from synthetic pulls too.
+        train: with what was left out.
     """
 
     numbers: RunNumbers
     materials: list[str]
     time_step: float
-    pca: PcaOptions
+    synthetic: bool
     train: TrainOptions
     cubature: CubatureOptions
     loss: Array
@@ -51,14 +52,13 @@ class Facts:
     @classmethod
     def of(cls, run: Run, numbers: RunNumbers) -> Facts:
         """Those of a finished run."""
-        settings = {kind: run.header(kind).settings for kind in ("basis", "model", "cubature")}
         return cls(
             numbers,
             material_names(np.unique(run.scene.material).tolist()),
             run.scene.time_step,
-            PcaOptions.of_dump(settings["basis"]),
-            TrainOptions.of_dump(settings["model"]),
-            CubatureOptions.of_dump(settings["cubature"]),
+            run.pca.synthetic is not None,
+            TrainOptions.of_dump(run.header("model").settings).of_solid(3 * len(run.scene.free)),
+            CubatureOptions.of_dump(run.header("cubature").settings),
             run.model.loss,
         )
 
@@ -96,8 +96,8 @@ class Facts:
     @property
     def wider(self) -> str | None:
         """Layers twice as wide, as a setting; None where they are as wide as is advised."""
-        widths = [max(min(2 * width, WIDEST), width) for width in self.train.hidden]
-        now = list(self.train.hidden)
+        widths = [max(min(2 * width, WIDEST), width) for width in self.train.layers]
+        now = list(self.train.layers)
         return f"train.hidden to {widths} (now {now})" if widths != now else None
 
     def cost(self, first: str) -> str:
@@ -162,7 +162,7 @@ def _unseen(facts: Facts) -> str | None:
     return (
         "The training motions do not show what the others do: add a motion of role train like them, with another seed, "
         f"to snapshot.motions (as many pulls again take {_duration(seconds)})"
-        + ("; then set pca.synthetic, which makes many more at little cost" if facts.pca.synthetic is None else "")
+        + ("; then set pca.synthetic, which makes many more at little cost" if not facts.synthetic else "")
         + f"; {facts.cost('pca')}."
     )
 
@@ -171,10 +171,10 @@ def _by_heart(facts: Facts) -> str | None:
     last = facts.loss[-1] if len(facts.loss) else np.array([np.nan, np.nan])
     if facts.train.kind != "autoencoder" or not last[1] > BY_HEART * last[0]:
         return None
-    widths = [max(width // 2, 8) for width in facts.train.hidden]
+    widths = [max(width // 2, 8) for width in facts.train.layers]
     return (
         f"The network learns by heart: give it more snapshots, or set train.hidden to {widths} (now "
-        f"{list(facts.train.hidden)}); {facts.cost('train')}."
+        f"{list(facts.train.layers)}); {facts.cost('train')}."
     )
 
 

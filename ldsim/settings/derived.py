@@ -12,7 +12,11 @@ import numpy as np
 
 from ldsim.arrays import Array, Indices
 from ldsim.errors import SettingsError
-from ldsim.pipeline.solid import Solid, length
+from ldsim.learn.options import MANY
+from ldsim.mechanics.scene import Scene
+from ldsim.pipeline.pca import SYNTHETIC
+from ldsim.pipeline.solid import Solid, length, solid_lines
+from ldsim.settings.experiment import Settings
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "in": "inches"}
@@ -28,14 +32,6 @@ SOFT, SINKS, SAGS, BEARS = 1e5, 0.1, 0.05, 2.0
 REACH, STRAIN = 0.25, 0.5
 # Frames of the slowest oscillation, and the longest of them that still looks smooth, s.
 FRAMES, SMOOTH = 40, 1 / 60
-# Of the linear basis; a condensed space takes its coordinates from the first of them.
-COLUMNS = 40
-# Poses of training motions that are relaxed, and of each round of own runs: so many, or up to twice as many of a solid
-# of fewer unknowns, for there a pose costs less than what is fitted to it.
-POSES, EXPLORED, UNKNOWNS = 200, 150, 9000
-# Of its four layers; a solid of more unknowns than this has the second, and pulls of the linear space beside its own:
-# both cost little where frames and poses cost much (docs/notebook/2026-11-25-on_demand.md).
-WIDTHS, SYNTHETIC, MANY = (48, 80), 40, 25_000
 
 
 @dataclass(frozen=True)
@@ -123,20 +119,25 @@ def time_step(solid: Solid) -> float:
     return rounded(min(solid.period / FRAMES, SMOOTH))
 
 
-def relaxed_poses(unknowns: int) -> tuple[int, int]:
-    """How many poses of the training motions are relaxed, and of each round of own runs."""
-    times = min(max(UNKNOWNS / unknowns, 1.0), 2.0)
-    return round(POSES * times), round(EXPLORED * times)
+def left_out(settings: Settings, scene: Scene) -> str:
+    """What a configuration leaves out of how its space is made, as it follows from the solid; empty if nothing."""
+    unknowns, pca, train = 3 * len(scene.free), settings.pca, settings.train
+    filled, words = train.of_solid(unknowns), []
+    if pca.k is None and pca.columns is not None:
+        words.append(f"pca.k {min(pca.columns, unknowns)}")
+    if pca.synthetic == "auto":
+        many = unknowns > MANY and not settings.snapshot.quasistatic
+        words.append(f"pca.synthetic {SYNTHETIC} pulls like those of the motions" if many else "no pca.synthetic")
+    for section, given, found in (("train", train, filled), ("train.condensed", train.condensed, filled.condensed)):
+        for name, value in found:
+            if getattr(given, name) is None and value is not None:
+                words.append(f"{section}.{name} {list(value) if isinstance(value, tuple) else value}")
+    return f"left out, and so for its {unknowns} unknowns: {', '.join(words)}" if words else ""
 
 
-def layers(unknowns: int) -> tuple[int, ...]:
-    """Widths of the hidden layers of the decoder."""
-    return 4 * (WIDTHS[unknowns > MANY],)
-
-
-def synthetic_pulls(unknowns: int) -> int:
-    """How many pulls of the linear space turn the basis; none of a small solid."""
-    return SYNTHETIC if unknowns > MANY else 0
+def looked_at(settings: Settings, scene: Scene) -> list[str]:
+    """What a solid does by itself and when it is pulled, and what settings follow from it, in plain lines."""
+    return [*solid_lines(scene, settings.snapshot), *filter(None, [left_out(settings, scene)])]
 
 
 def rounded(value: float, up: bool = False) -> float:

@@ -90,6 +90,7 @@ class Enriched:
         if settings.train.kind != "condensed":
             return ""
         with self._run(settings) as run:
+            settings = settings.replace(train=settings.train.of_solid(3 * len(run.scene.free)))
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
             columns = run.basis.k
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)
@@ -289,10 +290,10 @@ def extended(settings: Settings, r: int, columns: int, poor_fit: bool, last: str
     """
     first = min(ORDER.index(last) + (not helped), len(ORDER) - 1) if last in ORDER else 0
     train = settings.train
-    condensed, widest = train.condensed, max(train.hidden)
+    condensed, widest = train.condensed, max(train.layers)
     for what in ORDER[first:]:
         if what == WIDER and widest < WIDEST:
-            wider = {"hidden": tuple(min(2 * width, WIDEST) for width in train.hidden)}
+            wider = {"hidden": tuple(min(2 * width, WIDEST) for width in train.layers)}
             counts = {"features": 2 * condensed.features, "points": 2 * condensed.points} if poor_fit else {}
             words = ", ".join(
                 [f"{WIDER} {list(wider['hidden'])}", *(f"condensed.{name} {n}" for name, n in counts.items())]

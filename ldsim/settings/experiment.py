@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from ldsim.cubature.options import CubatureOptions
 from ldsim.errors import SettingsError
 from ldsim.learn.options import TrainOptions
+from ldsim.mechanics.options import PullOptions
 from ldsim.options import Name, Options, checked_options, read_options
 from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
@@ -34,7 +35,7 @@ class Settings(Options):
 
     @model_validator(mode="after")
     def _synthetic_motions_have_inertia(self) -> Settings:
-        if self.snapshot.quasistatic and self.pca.synthetic is not None:
+        if self.snapshot.quasistatic and isinstance(self.pca.synthetic, PullOptions):
             raise ValueError("pca.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self
 
@@ -53,15 +54,18 @@ class Settings(Options):
         if train.kind != "condensed":
             return self
         if self.snapshot.quasistatic:
-            raise ValueError("train.kind is condensed, but snapshot.quasistatic is true; a condensed space is stepped")
+            raise ValueError("train.kind is condensed, but snapshot.quasistatic is true; use train.kind: autoencoder")
         if pca.inner_product != "mass":
-            raise ValueError(f"train.kind is condensed; it needs pca.inner_product: mass, got {pca.inner_product}")
+            raise ValueError(
+                f"train.kind is condensed; it needs pca.inner_product: mass, got {pca.inner_product}; or use "
+                "train.kind: autoencoder"
+            )
         return self
 
     @model_validator(mode="after")
     def _the_basis_has_as_many_columns_as_are_asked_for(self) -> Settings:
         """As far as can be seen before hours of full-space runs: it has no more than pca.k."""
-        k, r, sizes = self.pca.k, self.train.r, self.cubature.linear_sizes or ()
+        k, r, sizes = self.pca.columns, self.train.r, self.cubature.linear_sizes or ()
         if k is not None and r is not None and r > k:
             raise ValueError(f"train.r is {r}; allowed are 1 … {k}, the columns of the basis (pca.k)")
         if k is not None and max(sizes, default=0) > k:

@@ -35,7 +35,8 @@ THIN = 1e-6
 MODEL, POISSON = "stable_neo_hookean", 0.45
 
 TEMPLATE = """\
-# Made by `ldsim new`. Every value is a setting that can be changed; comments say what it was derived from.
+# Made by `ldsim new`. Every value is a setting that can be changed; comments say what it was derived from. What is left
+# out follows from solid and motions; `ldsim settings` shows it.
 experiment: {name}
 mesh:
   {geometry}
@@ -52,23 +53,11 @@ snapshot:
     # never learned from: `ldsim make --error` is judged by each of these
     - {{name: others, role: validation, pulls: {{count: 30, seed: 3, rest: 20, {pulls}}}}}
     - {{name: unseen, role: test, pulls: {{count: 5, seed: 4, {pulls}}}}}
-pca:
-  k: {columns}
-{synthetic}train:
-  kind: condensed # few poses suffice, for what they do not show is solved for (docs/guide/reduced_space.md)
-  hidden: {hidden} # wider of a solid of many cells
-  activation: tanh # smooth, as what it learns is
-  condensed: {{poses: {poses}, explored: {explored}}} # more of a small solid, where a pose costs little
-cubature:
-  poses: 200
-  heldout_poses: 50
 simulate:
   # the error that is stated: pulls like these, which nothing else has seen; for 95 % at 95 % confidence it is the worst
   # of 59, the second of 93, the third of 124
   statement: {{motions: 93, pulls: {{count: 1, seed: 8, rest: 20, {pulls}}}}}
 """
-# Of the section pca, for a solid of which a frame of the full space costs much.
-SYNTHETIC = "  synthetic: {{count: {count}, seed: 11, {pulls}}} # of the linear space, where more cost little\n"
 
 
 class Given(Options):
@@ -220,7 +209,7 @@ def configuration(geometry: Geometry, scene: Scene, youngs_modulus: float | None
         factor, why = youngs_modulus / derived.SOFT, "as you say"
     elif factor > 1:
         why = f"{factor:g} times soft rubber's, so that it stands its own weight"
-    values = _values(solid, derived.SOFT * factor, 3 * len(scene.free))
+    values = _values(solid, derived.SOFT * factor)
     material = f"Young's modulus {values['modulus']} Pa: {why} (--youngs-modulus)"
     lines = "\n  ".join(geometry.lines)
     text = TEMPLATE.format(name=_quoted(geometry.name), geometry=lines, material=material, **values)
@@ -238,10 +227,9 @@ def with_recordings(text: str, recordings: Sequence[str]) -> str:
     return text.replace("\n  motions:\n", "\n  motions:\n" + "".join(lines), 1)
 
 
-def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
+def _values(solid: Solid, modulus: float) -> dict[str, object]:
     """What follows from a solid that was looked at while it was of soft rubber, as the template has it."""
     solid = solid.stiffened(modulus / derived.SOFT)
-    step, (poses, explored) = derived.time_step(solid), derived.relaxed_poses(unknowns)
     pulls = {
         "reach": derived.reach_of_pulls(solid),
         "stiffness": derived.stiffness_of_pulls(solid),
@@ -252,14 +240,9 @@ def _values(solid: Solid, modulus: float, unknowns: int) -> dict[str, object]:
         "model": MODEL,
         "modulus": _number(modulus),
         "poisson": POISSON,
-        "step": _number(step),
+        "step": _number(derived.time_step(solid)),
         "slowest": solid.frequencies[0],
         "pulls": said,
-        "columns": min(derived.COLUMNS, unknowns),
-        "poses": poses,
-        "explored": explored,
-        "hidden": list(derived.layers(unknowns)),
-        "synthetic": SYNTHETIC.format(count=count, pulls=said) if (count := derived.synthetic_pulls(unknowns)) else "",
     }
 
 

@@ -279,12 +279,12 @@ def fit_basis(chunks: Chunks, metric: csr_array, options: PcaOptions, kept: Kept
         raise SolverError("there are no training snapshots; give at least one motion the role train")
     if options.k is not None and options.k > count:
         raise SolverError(f"k = {options.k} but there are only {count} training snapshots; lower pca.k")
-    found = _kept_spectrum(chunks, metric, options.k, kept)
-    most = options.k if options.k is not None else min(options.max_k, found.independent)
+    found = _kept_spectrum(chunks, metric, options.columns, kept)
+    most = options.k or min(options.columns or options.max_k, found.independent)
     basis, singular = leading_modes(chunks, metric, most, found)
     max_error, mean_error = errors_against_k(chunks, basis)
     wanted = most
-    if options.k is None:
+    if options.k is None and options.criterion is not None:
         squares = np.concatenate([[0.0], np.cumsum(singular**2)])
         lost = {"max_error": max_error, "mean_error": mean_error, "energy": 1 - squares / squares[-1]}[
             options.criterion

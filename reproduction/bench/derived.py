@@ -2,16 +2,14 @@
 
     python -m reproduction.bench.derived beam dragon --frontiers runs/frontier --folder runs/derived
 
-Scene and motions are those of reproduction/bench/condensed_<solid>.yaml, and so are synthetic pulls, which are like the
-motions, where `ldsim new` has any. All else is what that writes for the mesh, and what the rounds of
-`ldsim make --error` then change; they are judged by the validation motions. The same role's error of the settings by
+Scene and motions are what configs/<solid>.yaml says, and it says no more; all else follows from the solid, and from what
+the rounds of `ldsim make --error` then change. They are judged by the validation motions. The same role's error of the settings by
 hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of that benchmark are used
 again where they lie. Results go to reproduction/results/derived.json.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 
@@ -19,9 +17,21 @@ from ldsim.pipeline.convergence import read_rounds
 from ldsim.report.frontier import on_motions
 from ldsim.report.schema import ROLES
 from ldsim.run import Run
-from ldsim.settings import Settings, load_settings
+from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
-from reproduction.harness import PIPELINE, ROOT, Row, add_results, called, ldsim, linked, parser, row, rows_before, show
+from reproduction.harness import (
+    CONFIGS,
+    PIPELINE,
+    Row,
+    add_results,
+    called,
+    ldsim,
+    linked,
+    parser,
+    row,
+    rows_before,
+    show,
+)
 
 NAME = "derived"
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
@@ -30,23 +40,9 @@ INPUTS = (*PIPELINE, "ldsim/settings")
 KINDS = {"derived": "latent", "derived, its linear space": "linear"}
 
 
-def by_hand(solid: str) -> Path:
-    """The configuration whose scene and motions are taken."""
-    own = "frontier" if solid == "x" else "condensed"
-    return ROOT / "reproduction" / "bench" / f"{own}_{solid}.yaml"
-
-
 def written(solid: str, folder: Path) -> Path:
-    """A configuration of scene and motions by hand, and of what `ldsim new` derives of the mesh."""
-    hand, place = load_settings(by_hand(solid)), folder / f"{solid}.yaml"
-    looked_at = folder / f"{solid}_new.yaml"
-    if not looked_at.exists():
-        ldsim(folder, "new", os.path.expandvars(str(hand.mesh.file)), "--unit", "m", "--output", looked_at.name)
-    new = load_settings(looked_at)
-    taken = {name: getattr(new, name) for name in ("pca", "train", "cubature")}
-    if new.pca.synthetic is not None:
-        taken["pca"] = new.pca.replace(synthetic=hand.pca.synthetic)
-    text = Settings(experiment=solid, mesh=hand.mesh, snapshot=hand.snapshot, **taken).dump(defaults=False)
+    """The configuration in a folder, beside which `ldsim make --error` writes what it came to."""
+    place, text = folder / f"{solid}.yaml", (CONFIGS / f"{solid}.yaml").read_text(encoding="utf-8")
     if not place.exists() or place.read_text(encoding="utf-8") != text:
         place.write_text(text, encoding="utf-8")
     return place
@@ -65,7 +61,7 @@ def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float
         row(solid, "exit status", status),
         row(solid, "time", time.perf_counter() - started, "s"),
         row(solid, "rounds of own runs", train.condensed.rounds),
-        row(solid, "layers", " ".join(map(str, train.hidden))),
+        row(solid, "layers", " ".join(map(str, train.layers))),
         *(
             row(solid, f"worst pull of the validation motions, round {i}", each.error)
             for i, each in enumerate(rounds, 1)

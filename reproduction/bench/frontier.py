@@ -2,9 +2,10 @@
 
     python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
 
-Each configuration trains one kind of latent space on the same scene, motions and basis. Weights, poses, candidates and
-virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those of the first one: the
-same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything is
+Each configuration trains one kind of latent space on the same scene and motions, in the basis of the first. Weights,
+poses, candidates and virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those
+of the first one: the same synthetic motions in their basis, the same fits, closures that are judged, and the same stop.
+First everything is
 made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
 that was not so. With `--farther 1.5` the synthetic pulls go half as far again, as own pulls of a condensed space do;
 their experiment is <experiment>_far. Beside a condensed space stand two floors, the errors of linear elasticity in the
@@ -23,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldsim.errors import SettingsError
+from ldsim.mechanics.options import PullOptions
 from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
 from ldsim.report.frontier import dimension, on_motions, points
 from ldsim.report.schema import ROLES
@@ -35,6 +37,7 @@ from reproduction.harness import PIPELINE, ROOT, Row, called, finished, linked, 
 NAME = "frontier"
 SEEDS = (1, 2, 3)
 ONCE = ("mesh", "snapshot", "pca")
+SAME = ("mesh", "snapshot")  # the basis is that of the first configuration
 SHARED = ("scene", "snapshots", "tests", "basis")
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
@@ -46,18 +49,19 @@ SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seed
 
 
 def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
-    """A configuration with another seed, as of the experiment `first`, whose linear sizes no other one fits again."""
+    """A configuration with another seed, of the experiment and basis of `first`; no other one fits its linear sizes."""
     cubature = settings.cubature.replace(seed=seed)
     if settings is not first:
         cubature = cubature.replace(linear_sizes=())
     train = settings.train.replace(seed=seed)
-    return settings.model_copy(update={"experiment": first.experiment, "train": train, "cubature": cubature})
+    changes = {"experiment": first.experiment, "pca": first.pca, "train": train, "cubature": cubature}
+    return settings.model_copy(update=changes)
 
 
 def farther(settings: Settings, times: float) -> Settings:
     """A configuration whose synthetic pulls go so many times as far, of an experiment of its own."""
     synthetic = settings.pca.synthetic
-    if times == 1 or synthetic is None:
+    if times == 1 or not isinstance(synthetic, PullOptions):
         return settings
     pca = settings.pca.replace(synthetic=synthetic.replace(reach=times * synthetic.reach))
     return settings.model_copy(update={"experiment": f"{settings.experiment}_far", "pca": pca})
@@ -70,7 +74,7 @@ def made(
     wanted, (place, first) = [], next(iter(configurations.items()))
     shared = finished(runs / first.experiment, first, ONCE, place.parent)
     for path, settings in configurations.items():
-        if other := [name for name in ONCE if settings.section(name) != first.section(name)]:
+        if other := [name for name in SAME if settings.section(name) != first.section(name)]:
             raise SettingsError(f"{path} has another section {other[0]} than {place}; they share one run")
         for seed in seeds:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)

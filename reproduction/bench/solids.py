@@ -42,7 +42,7 @@ def _numbers(name: str, config: Path, numbers: RunNumbers, folder: Path) -> list
         row(name, "cells", numbers.mesh.cells),
         row(name, "r", numbers.dims.r),
         row(name, "rounds of own runs", train.condensed.rounds),
-        row(name, "layers", " ".join(map(str, train.hidden))),
+        row(name, "layers", " ".join(map(str, train.layers))),
         row(name, "reach of pulls", pulls.reach, "m"),
         row(name, "stiffness of pulls", pulls.stiffness, "N/m"),
     ]
