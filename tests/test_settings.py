@@ -313,7 +313,9 @@ def test_more_columns_than_the_basis_can_have_are_refused_before_anything_runs(
 ) -> None:
     train = {"train": {"kind": kind} | sections.get("train", {})}
     asked = SMALLEST | sections | train
-    assert load_settings(written(tmp_path, asked)).pca.k is None  # of as many as it takes, nothing is known
+    open_ = {"pca": {"criterion": "max_error"}}  # of as many as it takes, nothing is known
+    assert load_settings(written(tmp_path, asked | open_)).pca.columns is None
+    assert load_settings(written(tmp_path, asked)).pca.columns == 40
     assert load_settings(written(tmp_path, asked | {"pca": {"k": 6}})).pca.k == 6
     with pytest.raises(SettingsError, match=words):
         load_settings(written(tmp_path, asked | {"pca": {"k": 4}}))

@@ -160,7 +160,7 @@ class TrainOptions(Options):
     @property
     def layers(self) -> tuple[int, ...]:
         """Widths of the hidden layers of the decoder, of a solid that is not large where they were left out."""
-        return self.hidden or LAYERS[self.kind]
+        return LAYERS[self.kind] if self.hidden is None else self.hidden
 
     @property
     def nonlinearity(self) -> Activation:

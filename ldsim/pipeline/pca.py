@@ -60,11 +60,9 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
 
 
 def synthetic_pulls(run: Run, options: PcaOptions) -> PullOptions | None:
-    """The synthetic pulls that are asked for; `auto` are some like those of the training motions, of a large solid."""
-    if options.synthetic != "auto":
+    """The synthetic pulls that are asked for, or where all is left open some like those of a large solid's motions."""
+    if not options.is_open or 3 * len(run.scene.free) <= MANY or run.quasistatic:
         return options.synthetic
-    if 3 * len(run.scene.free) <= MANY or run.quasistatic:
-        return None
     return pulls_like([run.recorded(name).motion for name in run.snapshots.with_role("train")], SYNTHETIC, SEED)
 
 

@@ -125,9 +125,8 @@ def left_out(settings: Settings, scene: Scene) -> str:
     filled, words = train.of_solid(unknowns), []
     if pca.k is None and pca.columns is not None:
         words.append(f"pca.k {min(pca.columns, unknowns)}")
-    if pca.synthetic == "auto":
-        many = unknowns > MANY and not settings.snapshot.quasistatic
-        words.append(f"pca.synthetic {SYNTHETIC} pulls like those of the motions" if many else "no pca.synthetic")
+    if pca.is_open and unknowns > MANY and not settings.snapshot.quasistatic:
+        words.append(f"pca.synthetic {SYNTHETIC} pulls like those of the motions")
     for section, given, found in (("train", train, filled), ("train.condensed", train.condensed, filled.condensed)):
         for name, value in found:
             if getattr(given, name) is None and value is not None:

@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 from ldsim.cubature.options import CubatureOptions
 from ldsim.errors import SettingsError
 from ldsim.learn.options import TrainOptions
-from ldsim.mechanics.options import PullOptions
 from ldsim.options import Name, Options, checked_options, read_options
 from ldsim.pipeline.options import MeshOptions, SimulateOptions, SnapshotOptions
 from ldsim.report.options import ReportOptions
@@ -35,7 +34,7 @@ class Settings(Options):
 
     @model_validator(mode="after")
     def _synthetic_motions_have_inertia(self) -> Settings:
-        if self.snapshot.quasistatic and isinstance(self.pca.synthetic, PullOptions):
+        if self.snapshot.quasistatic and self.pca.synthetic is not None:
             raise ValueError("pca.synthetic steps with inertia, snapshot.quasistatic leaves it out; drop one")
         return self
 

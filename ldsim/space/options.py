@@ -29,13 +29,13 @@ class PcaOptions(Options):
     ] = 1e-4
     max_k: Annotated[int, Field(ge=1, description="Largest dimension that the criterion may lead to.")] = 100
     synthetic: Annotated[
-        PullOptions | Literal["auto"] | None,
+        PullOptions | None,
         Field(
             description="Random pulls, run in the linear space of all k columns: they turn the basis, and the latent "
-            "space learns from them too. auto: 40 like those of the motions, of a solid where frames cost much; null: "
-            "none."
+            "space learns from them too. Left out, none; where k and criterion are left out too, 40 like those of the "
+            "training motions of a large solid."
         ),
-    ] = "auto"
+    ] = None
     inner_product: Annotated[Literal["mass", "euclidean"], Field(description="In which U is orthonormal.")] = "mass"
 
     @model_validator(mode="after")
@@ -45,6 +45,11 @@ class PcaOptions(Options):
                 if getattr(self, name) != type(self).model_fields[name].default:
                     raise ValueError(f"{name} is of a criterion; give criterion too, {CRITERIA}")
         return self
+
+    @property
+    def is_open(self) -> bool:
+        """Whether its size and the synthetic pulls are left to what the solid asks for."""
+        return self.k is None and self.criterion is None and self.synthetic is None
 
     @property
     def columns(self) -> int | None:

@@ -2,10 +2,10 @@
 
     python -m reproduction.bench.derived beam dragon --frontiers runs/frontier --folder runs/derived
 
-Scene and motions are what configs/<solid>.yaml says, and it says no more; all else follows from the solid, and from what
-the rounds of `ldsim make --error` then change. They are judged by the validation motions. The same role's error of the settings by
-hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of that benchmark are used
-again where they lie. Results go to reproduction/results/derived.json.
+Scene and motions are what configs/<solid>.yaml says, and it says no more; all else follows from the solid, and from
+what the rounds of `ldsim make --error` then change. They are judged by the validation motions. The same role's error of
+the settings by hand is the middle of the three seeds of results/frontier_<solid>.json. Scene and snapshots of that
+benchmark are used again where they lie. Results go to reproduction/results/derived.json.
 """
 
 from __future__ import annotations

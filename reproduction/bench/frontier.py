@@ -24,7 +24,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ldsim.errors import SettingsError
-from ldsim.mechanics.options import PullOptions
 from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
 from ldsim.report.frontier import dimension, on_motions, points
 from ldsim.report.schema import ROLES
@@ -61,7 +60,7 @@ def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
 def farther(settings: Settings, times: float) -> Settings:
     """A configuration whose synthetic pulls go so many times as far, of an experiment of its own."""
     synthetic = settings.pca.synthetic
-    if times == 1 or not isinstance(synthetic, PullOptions):
+    if times == 1 or synthetic is None:
         return settings
     pca = settings.pca.replace(synthetic=synthetic.replace(reach=times * synthetic.reach))
     return settings.model_copy(update={"experiment": f"{settings.experiment}_far", "pca": pca})

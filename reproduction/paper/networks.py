@@ -21,7 +21,13 @@ from reproduction.reduced_runs import a_step, displacements, largest_error, onli
 
 # The paper's training (Sec. 4.3).
 PAPER = TrainOptions(
-    balance=0.0, optimiser="adam", schedule="fixed", learning_rate=1e-3, batch=256, validation_share=0.1
+    kind="autoencoder",
+    balance=0.0,
+    optimiser="adam",
+    schedule="fixed",
+    learning_rate=1e-3,
+    batch=256,
+    validation_share=0.1,
 )
 # The paper says neither how much noise nor which weight; these are ours.
 KINDS = {

@@ -19,7 +19,7 @@ from reproduction.paper.scenes import bar, cross
 from reproduction.reduced_runs import largest_error, play, training_coordinates
 
 # The paper's loss, all coordinates alike; a tenth of the frames is kept back to choose the weights.
-PAPER = TrainOptions(balance=0.0, validation_share=0.1)
+PAPER = TrainOptions(kind="autoencoder", balance=0.0, validation_share=0.1)
 
 
 def _trained(run: Run, r: int, k: int, options: TrainOptions) -> tuple[Trained, float]:

@@ -49,7 +49,7 @@ def training_modes(bench: Harness) -> Outcome:
     """
     epochs, width, repeats = (200, 60, 1) if bench.quick else (2000, 200, 3)
     options = TrainOptions(  # a single frame is kept back, for the others keep none
-        hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=1e-6,
+        kind="autoencoder", hidden=(width, width), epochs=epochs, batch=128, balance=0.0, validation_share=1e-6,
         optimiser="adam", schedule="fixed", learning_rate=1e-3,
     )  # fmt: skip
     with Run.open(bench.made(coarse_bar(bench.quick), "pca")) as run:

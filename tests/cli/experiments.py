@@ -54,7 +54,7 @@ TINY: dict[str, Any] = {
         "workers": 1,
     },
     "pca": {"k": 6},
-    "train": {"r": 3, "hidden": [8], "epochs": 200, "batch": 16},
+    "train": {"kind": "autoencoder", "r": 3, "hidden": [8], "epochs": 200, "batch": 16},
     "cubature": {"poses": 20, "heldout_poses": 10, "virtual": {"steps": 40}, "linear_sizes": [2]},
     "simulate": {
         "full_frames": 5,

@@ -43,7 +43,9 @@ SPACES: dict[str, tuple[str, Callable[[Experiment], None], str]] = {
     "r above k": ("train", change("train.r", 9), "train.r is 9; allowed are 1 … 6, the columns of the basis"),
     "an r out of reach": (
         "train",
-        lambda experiment: experiment.configure(TINY | {"train": {"tolerance_mm": 1e-9, "hidden": [8], "epochs": 2}}),
+        lambda experiment: experiment.configure(
+            TINY | {"train": {"kind": "autoencoder", "tolerance_mm": 1e-9, "hidden": [8], "epochs": 2}}
+        ),
         "raise train.tolerance_mm or pca.k",
     ),
     "an unknown device": ("train", change("train.device", "gpu"), "train.device: string should match pattern"),

@@ -14,8 +14,9 @@ import yaml
 from ldsim import __version__
 from ldsim.artefacts.sealed_file import datasets
 from ldsim.cli.app import COMMANDS as KNOWN
+from ldsim.run import Run
 from ldsim.settings import STAGES, load_settings, settings_of
-from tests.cli.experiments import COMMANDS, READS, WRITES, Experiment, invoked, refused
+from tests.cli.experiments import COMMANDS, READS, TINY, WRITES, Experiment, invoked, refused
 
 ALL = ["new", "make", *COMMANDS, "list", "open", "info", "settings"]
 
@@ -97,6 +98,24 @@ def test_settings_prints_the_configuration_with_defaults(experiment: Experiment)
     assert printed["mesh"]["density"] == 1000.0
     assert set(printed) == {"experiment", *STAGES}
     assert "# its slowest frequencies are " in result.stdout and "# pulls of 80 mm by a spring" in result.stdout
+    told = next(line for line in result.stdout.splitlines() if line.startswith("# left out"))
+    assert told.endswith(" unknowns: train.activation elu")
+
+
+def test_what_follows_from_a_solid_is_told_by_mesh_and_settings_as_training_takes_it(tmp_path: Path) -> None:
+    config = tmp_path / "tiny.yaml"
+    config.write_text(yaml.safe_dump({name: TINY[name] for name in ("experiment", "mesh", "snapshot")}), "utf-8")
+    words = [str(config), "--runs", str(tmp_path)]
+    told = [invoked(command, *words).stdout.splitlines()[-1] for command in ("mesh", "settings")]
+    with Run(tmp_path / "tiny") as run:
+        unknowns = 3 * len(run.scene.free)
+    train = load_settings(config).train.of_solid(unknowns)
+    line = (
+        f"left out, and so for its {unknowns} unknowns: pca.k 40, train.hidden {list(train.layers)}, "
+        f"train.activation tanh, train.condensed.poses {train.condensed.poses}, train.condensed.explored "
+        f"{train.condensed.explored}"
+    )
+    assert told == [line, f"# {line}"]
 
 
 def test_the_configuration_that_a_report_shows_makes_the_run_again(experiment: Experiment) -> None:

@@ -24,7 +24,9 @@ from tests.cli.experiments import TINY, Experiment
 from tests.helpers import changed
 
 SYNTHETIC = {"synthetic": {"count": 3, "reach": 0.08, "frames": 12, "rest": 8}}
-LONG = TINY | {"train": {"r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "equilibrium": {"weight": 1.0}}}
+LONG = TINY | {
+    "train": {"kind": "autoencoder", "r": 3, "hidden": [8], "epochs": 6000, "batch": 4, "equilibrium": {"weight": 1.0}}
+}
 
 
 def weights(experiment: Experiment) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
@@ -89,7 +91,9 @@ def test_a_killed_training_goes_on_and_ends_as_an_undisturbed_one(experiment: Ex
 
 
 def test_a_search_leaves_its_table_in_the_artefact(experiment: Experiment) -> None:
-    experiment.configure(TINY | {"train": {"tolerance_mm": 30.0, "hidden": [8], "epochs": 200, "batch": 16}})
+    experiment.configure(
+        TINY | {"train": {"kind": "autoencoder", "tolerance_mm": 30.0, "hidden": [8], "epochs": 200, "batch": 16}}
+    )
     assert experiment.invoke("train").exit_code == 0
     with h5py.File(experiment.run / "model.h5") as file:
         table, own = file["search"][:], file["search_own"][:]
@@ -132,6 +136,18 @@ def test_synthetic_motions_are_learned_from_and_fitted_to(experiment: Experiment
     assert any((ours != theirs).any() for ours, theirs in zip(weights(experiment), before, strict=True))
     # the 40 frames of the snapshots alone would be too few
     assert experiment.invoke("cubature").exit_code in (0, 3)
+
+
+@pytest.mark.parametrize(("most", "given", "made"), [(0, {}, 3), (1000, {}, 0), (0, {"k": 6}, 0)], ids=str)
+def test_a_large_solid_learns_from_synthetic_pulls_like_its_own_where_all_is_left_open(
+    experiment: Experiment, monkeypatch: pytest.MonkeyPatch, most: int, given: dict[str, int], made: int
+) -> None:
+    monkeypatch.setattr("ldsim.pipeline.pca.MANY", most)
+    monkeypatch.setattr("ldsim.pipeline.pca.SYNTHETIC", 3)
+    experiment.configure(TINY | {"pca": given})
+    assert experiment.invoke("pca").exit_code == 0
+    with Run(experiment.run) as run:
+        assert (0 if run.pca.synthetic is None else len(run.pca.synthetic)) == made * 2 * 12  # frames of a pull of "a"
 
 
 def test_synthetic_motions_are_not_run_again_after_an_interruption(

@@ -20,7 +20,14 @@ Array = NDArray[np.float64]
 
 K, R = 6, 2
 SHORT = TrainOptions(
-    hidden=(12, 12), epochs=20, batch=32, learning_rate=5e-3, balance=0.0, validation_share=0.1, recorded_share=0.0
+    kind="autoencoder",
+    hidden=(12, 12),
+    epochs=20,
+    batch=32,
+    learning_rate=5e-3,
+    balance=0.0,
+    validation_share=0.1,
+    recorded_share=0.0,
 )
 TERMS = {"denoising": {"noise": 0.05}, "variational": {"weight": 1e-4}}
 EQUILIBRIUM = {"equilibrium": {"weight": 1.0, "start": 0.5}}

@@ -18,7 +18,9 @@ from ldsim.space.encoder import Encoder
 
 Array = NDArray[np.float64]
 
-OPTIONS = TrainOptions(hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, validation_share=0.1)
+OPTIONS = TrainOptions(
+    kind="autoencoder", hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, validation_share=0.1
+)
 
 
 def pendulum(frames: int = 200) -> Array:

@@ -15,7 +15,13 @@ from ldsim.learn.training import Trained, _repeated, train
 Array = NDArray[np.float64]
 
 OPTIONS = TrainOptions(
-    hidden=(24, 24), epochs=300, batch=32, learning_rate=5e-3, validation_share=0.1, recorded_share=0.0
+    kind="autoencoder",
+    hidden=(24, 24),
+    epochs=300,
+    batch=32,
+    learning_rate=5e-3,
+    validation_share=0.1,
+    recorded_share=0.0,
 )
 
 

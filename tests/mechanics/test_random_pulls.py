@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ldsim.errors import SceneError
-from ldsim.mechanics.motion import Motion
+from ldsim.mechanics.motion import Drag, Motion
 from ldsim.mechanics.options import PullOptions
-from ldsim.mechanics.random_pulls import FARTHER, covering_pulls, surface_pulls
+from ldsim.mechanics.random_pulls import FARTHER, covering_pulls, pulls_like, surface_pulls
 from ldsim.mechanics.scene import Scene
 from ldsim.mesh.shapes import beam
 from ldsim.mesh.surface import surface_vertices
@@ -31,6 +31,24 @@ def test_they_are_as_stiff_and_wide_and_long_as_those_given_and_go_farther() -> 
     reach = max(np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in given.drags)
     lengths = [np.linalg.norm(drag.targets[-1] - drag.point) for drag in found.drags]
     assert reach < max(lengths) <= FARTHER * reach * (1 + 1e-12)
+
+
+def test_pulls_like_some_go_as_far_as_these() -> None:
+    given = motion_of(SOLID)
+    found = pulls_like([Motion("still", 5), given], 10, seed=1)
+    assert found is not None and (found.count, found.seed, found.stiffness, found.radius) == (10, 1, 7.0, 0.05)
+    assert (found.frames, found.rest) == (11, 11)
+    assert found.reach == max(np.linalg.norm(drag.targets - drag.targets[0], axis=1).max() for drag in given.drags)
+
+
+def test_like_what_is_only_held_are_pulls_as_long_as_they_are_wide() -> None:
+    held = Motion("held", 5, (Drag(0, np.zeros(3), np.zeros((5, 3)), 0.02, 3.0),))
+    found = pulls_like([held], 1, seed=0)
+    assert found is not None and (found.reach, found.frames) == (0.02, 5)
+
+
+def test_nothing_is_like_pulls_that_there_are_not() -> None:
+    assert pulls_like([Motion("still", 5)], 10, seed=1) is None
 
 
 def test_every_other_has_the_gravity_of_the_scene_and_the_rest_as_much_in_other_directions() -> None:

@@ -10,11 +10,9 @@ import pytest
 
 from ldsim.cubature.options import CubatureOptions
 from ldsim.learn.options import TrainOptions
-from ldsim.mechanics.options import PullOptions
 from ldsim.report.remedies import Facts, remedies
 from ldsim.report.schema import RunNumbers
 from ldsim.settings import Settings
-from ldsim.space.options import PcaOptions
 from tests.report.example_report import example_report
 
 Report = dict[str, Any]
@@ -41,11 +39,13 @@ def facts(
     train: TrainOptions | None = None,
     loss: object = None,
     material: str = "neo_hookean",
-    pca: PcaOptions = PcaOptions(),
+    synthetic: bool = False,
 ) -> Facts:
     losses = np.full((100, 2), 0.01) if loss is None else np.asarray(loss, dtype=np.float64)
     numbers = RunNumbers.model_validate(report)
-    return Facts(numbers, [material], 0.01, pca, train or TrainOptions(), CubatureOptions(), losses)
+    return Facts(
+        numbers, [material], 0.01, synthetic, train or TrainOptions(kind="autoencoder"), CubatureOptions(), losses
+    )
 
 
 def test_where_all_is_well_there_is_no_advice() -> None:
@@ -136,9 +136,8 @@ def test_what_is_set_already_is_not_advised() -> None:
     report = good()
     error("test", 0.4, 0.3)(report)
     assert "pca.synthetic" in remedies(facts(report))[0]
-    pulls = PcaOptions(synthetic=PullOptions(count=1, reach=0.1))
-    assert "add a motion of role train" in remedies(facts(report, pca=pulls))[0]
-    assert "pca.synthetic" not in remedies(facts(report, pca=pulls))[0]
+    assert "add a motion of role train" in remedies(facts(report, synthetic=True))[0]
+    assert "pca.synthetic" not in remedies(facts(report, synthetic=True))[0]
 
 
 def test_a_condensed_run_is_never_told_that_it_does_not_hold_the_training_poses() -> None:

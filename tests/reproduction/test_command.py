@@ -95,7 +95,7 @@ def test_a_changed_setting_makes_its_stage_and_those_after_it_again(tmp_path: Pa
         },
         "snapshot": {"motions": [{"name": "a", "pulls": {"count": 1, "reach": 0.1}}]},
         "pca": {"k": 4},
-        "train": {"r": 2},
+        "train": {"kind": "autoencoder", "r": 2},
     }
     folder = bench.made(configuration, "train")
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")}

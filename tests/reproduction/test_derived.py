@@ -13,34 +13,15 @@ from ldsim.report.frontier import on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.bench import derived
-from reproduction.bench.derived import SOLIDS, by_hand, judged, written
+from reproduction.bench.derived import SOLIDS, judged, written
 from reproduction.harness import row
 from tests.report.small_run import write_run
 
 
-def test_scene_and_motions_are_those_by_hand_and_all_else_is_what_new_writes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LDSIM_DATA", str(tmp_path))
-    new = load_settings(by_hand("x")).replace(experiment="x_new")
-    new = new.replace(train=new.train.replace(hidden=(16,)), pca=new.pca.replace(k=17, synthetic=None))
-    asked = list[str]()
-
-    def call(folder: Path, *arguments: str) -> int:
-        asked.extend(arguments)
-        (folder / "x_new.yaml").write_text(new.dump(defaults=False), encoding="utf-8")
-        return 0
-
-    monkeypatch.setattr(derived, "ldsim", call)
-    found, hand = load_settings(written("x", tmp_path)), load_settings(by_hand("x"))
-    assert found.experiment == "x" and found.train == new.train and found.pca == new.pca
-    assert found.mesh == hand.mesh and found.snapshot == hand.snapshot
-    assert asked[:2] == ["new", str(tmp_path / "meshes" / "x_29686.mesh")]  # a command knows no variables
-
-
 @pytest.mark.parametrize("solid", SOLIDS)
-def test_every_solid_has_settings_by_hand_for_a_condensed_space(solid: str) -> None:
-    assert load_settings(by_hand(solid)).train.kind == "condensed"
+def test_a_configuration_of_the_paper_says_scene_and_motions_and_no_more(solid: str, tmp_path: Path) -> None:
+    found = load_settings(written(solid, tmp_path))
+    assert found.experiment == solid and found.model_fields_set == {"experiment", "mesh", "snapshot"}
 
 
 def test_errors_of_a_role_stand_beside_those_by_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldsim.errors import SolverError
+from ldsim.errors import SettingsError, SolverError
 from ldsim.mesh.shapes import beam
+from ldsim.options import checked_options
 from ldsim.space.basis import inner_product, weighted
 from ldsim.space.options import PcaOptions
 from ldsim.space.pca import Chunks, errors_against_k, fit_basis, turned
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 
 BODY = scene(beam(resolution=2))
 SIZE = BODY.mesh.n_vertices * 3
+SMALL = PcaOptions(criterion="max_error", tolerance_mm=1e-6, max_k=2)
 
 
 def snapshots(rank: int = 12, frames: int = 40, seed: int = 0) -> NDArray[np.float32]:
@@ -128,9 +130,23 @@ def test_what_cannot_be_done_is_said_in_one_line(
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("rank", "k"), [(12, 12), (50, 40)])
+def test_left_open_it_has_forty_columns_or_as_many_as_there_are(rank: int, k: int) -> None:
+    rows = snapshots(frames=60) if rank == 12 else np.eye(60, SIZE, dtype=np.float32)[:rank]
+    assert fit_basis(streamed(rows, 16), inner_product(BODY.mass, "mass"), PcaOptions()).basis.k == k
+
+
+@pytest.mark.parametrize("given", [{"tolerance_mm": 2.0}, {"energy": 0.1}, {"max_k": 7}], ids=str)
+def test_a_tolerance_without_a_criterion_is_refused(given: dict[str, float]) -> None:
+    with pytest.raises(SettingsError, match=f"{next(iter(given))} is of a criterion; give criterion too"):
+        checked_options(given, "options", PcaOptions)
+    for more in ({"criterion": "energy"}, {"k": 3}):
+        assert PcaOptions.model_validate(given | more).columns == more.get("k")
+
+
 def test_too_small_a_limit_for_the_rule_names_the_error_reached() -> None:
     with pytest.raises(SolverError, match="2 modes leave a vertex error of"):
-        fit_basis(streamed(snapshots(), 16), inner_product(BODY.mass, "mass"), PcaOptions(tolerance_mm=1e-6, max_k=2))
+        fit_basis(streamed(snapshots(), 16), inner_product(BODY.mass, "mass"), SMALL)
 
 
 def test_the_energy_rule_loses_no_more_than_it_may_and_needs_every_mode() -> None:
