@@ -102,7 +102,7 @@ ROWS: dict[str, tuple[list[Callable[[Report], None]], TrainOptions | None, objec
     "epochs": ([poor("autoencoder")], None, FALLING, "train.epochs", "set train.epochs to 800 (now 400)"),
     "motions": ([error("test", 0.4, 0.3)], None, None, "snapshot.motions", "as many pulls again take 2 min"),
     "rounds": ([error("test", 0.4, 0.3)], CONDENSED, None, "train.condensed.rounds", "rounds to 4 (now 2)"),
-    "stated": ([stated], CONDENSED, None, "train.hidden", "set train.hidden to [128, 128] (now [100, 100]), then"),
+    "stated": ([stated], CONDENSED, None, "train.hidden", "set train.hidden to [96, 96, 96, 96] (now"),
     "rounds ended": ([stated, rounds_ended], CONDENSED, None, "--minutes", "its longest round took 7 min"),
     "forces": ([error("train", 0.4, 0.3)], None, None, "cubature.virtual.points", "points to 48 (now 24)"),
     "forces on the mesh": ([error("train", 0.4, 0.3), on_mesh], None, None, "cubature.tolerance", "0.018 (now 0.035)"),
@@ -147,7 +147,7 @@ def test_a_condensed_run_is_never_told_that_it_does_not_hold_the_training_poses(
     assert remedies(facts(report)) and remedies(facts(report, CONDENSED)) == []
     error("train", 0.4, 0.3)(report)
     (found,) = remedies(facts(report, CONDENSED))
-    assert found.startswith("It is off on motions that it learned from: set train.hidden to [128, 128]")
+    assert found.startswith("It is off on motions that it learned from: set train.hidden to [96, 96, 96, 96]")
 
 
 def test_where_virtual_points_are_stepped_no_rule_on_the_mesh_is_advised() -> None:

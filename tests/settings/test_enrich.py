@@ -163,7 +163,7 @@ class MadeRun:
 
     def __init__(self, folder: Path, experiment: str) -> None:
         self.folder = folder
-        self.basis = SimpleNamespace(k=40)
+        self.basis, self.scene = SimpleNamespace(k=40), SimpleNamespace(free=range(10_000))
         self.model = SimpleNamespace(loss=np.array([[0.1, self.missed]]), decoder=SimpleNamespace(r=10))
 
     def path(self, kind: str) -> Path:
@@ -188,6 +188,14 @@ def test_stages_run_on_what_rounds_came_to_and_the_table_lies_beside_the_run(
         "round 1: off by up to 30 % on 2 pulls kept aside (so few must be below 4 % for 5 % on many)"
     )
     assert [each.name for each in sorted(run.iterdir())] == ["model.h5", "model.partial", "rounds.json"]
+
+
+def test_layers_that_were_left_out_become_wider_than_those_of_the_solid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CONTENT, "train", {})
+    _, told = enriched(tmp_path, monkeypatch, [0.3, 0.02])
+    assert told[0].endswith("next: train.hidden [128, 128, 128, 128]")  # twice 80, as far as that goes
 
 
 def test_what_comes_before_rounds_counts_in_the_time_and_not_as_a_round(
@@ -388,7 +396,7 @@ def enriched(
     def model(settings: Settings) -> str:
         train = settings.train
         coordinates = f", r {train.r}" if train.r else ""
-        return f"{train.hidden[1]} wide, {train.condensed.rounds} rounds{coordinates}"
+        return f"{train.layers[1]} wide, {train.condensed.rounds} rounds{coordinates}"
 
     def stale_now(settings: Settings) -> Mapping[str, str]:
         path = run / "model.h5"

@@ -238,6 +238,6 @@ def test_bad_input_is_refused_in_one_line(rod: Path, arguments: list[str], words
 def test_every_value_of_a_new_configuration_says_where_it_comes_from(rod: Path) -> None:
     assert invoked("new", str(rod)).exit_code == 0
     lines = Path("my-rod.yaml").read_text(encoding="utf-8").splitlines()
-    for key in ("scale:", "pins:", "time_step:", "kind:"):
+    for key in ("scale:", "pins:", "time_step:"):
         assert "#" in next(line for line in lines if line.strip().startswith(key)), key
     assert yaml.safe_load("\n".join(lines))["mesh"]["density"] == 1000
