@@ -1,15 +1,15 @@
 """Error against the time of a step of every reduced space of a solid, three seeds or fewer, the same treatment for all.
 
-    python -m reproduction.bench.frontier reproduction/bench/frontier_demo.yaml configs/demo.yaml
+    python -m reproduction.bench.frontier configs/demo.yaml
 
-Each configuration trains one kind of latent space on the same scene and motions, in the basis of the first. Weights,
-poses, candidates and virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those
-of the first one: the same synthetic motions in their basis, the same fits, closures that are judged, and the same stop.
-First everything is
-made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
+A condensed space by the configuration, and an autoencoder on the same scene and motions, with what
+reproduction/bench/autoencoders.yaml says of the solid; its basis is that of all spaces. Weights, poses, candidates and
+virtual points depend on the seed, so each seed trains and fits anew. The linear spaces are those of the autoencoder:
+the same synthetic motions in their basis, the same fits, closures that are judged, and the same stop. First everything
+is made; then the motions are run in one space after another, with nothing else at work. `--again` runs them anew where
 that was not so. With `--farther 1.5` the synthetic pulls go half as far again, as own pulls of a condensed space do;
-their experiment is <experiment>_far. Beside a condensed space stand two floors, the errors of linear elasticity in the
-full space and in the condensed one, which tell how nonlinear each motion is. Results go to
+their experiment is <experiment>_far, without a condensed space. Beside a condensed space stand two floors, the errors
+of linear elasticity in the full space and in the condensed one, which tell how nonlinear each motion is. Results go to
 reproduction/results/frontier_<experiment>.json.
 """
 
@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 
 from ldsim.errors import SettingsError
 from ldsim.pipeline.choice_of_space import LATENT, Standing, equal_error
@@ -29,14 +30,13 @@ from ldsim.report.frontier import dimension, on_motions, points
 from ldsim.report.schema import ROLES
 from ldsim.report.svg import PALETTE, legend, log_scale, new_axes, to_svg
 from ldsim.run import Run
-from ldsim.settings import Settings, load_settings
+from ldsim.settings import Settings, load_settings, settings_of
 from reproduction.bench.condensed import asked, floors
 from reproduction.harness import PIPELINE, ROOT, Row, called, finished, linked, parser, row, show, write_results
 
-NAME = "frontier"
+NAME, OTHERS = "frontier", ROOT / "reproduction" / "bench" / "autoencoders.yaml"
 SEEDS = (1, 2, 3)
 ONCE = ("mesh", "snapshot", "pca")
-SAME = ("mesh", "snapshot")  # the basis is that of the first configuration
 SHARED = ("scene", "snapshots", "tests", "basis")
 COLOURS = {"linear": "linear", "condensed": "latent", "autoencoder": "second"}
 STEP, ERROR = "median step", "online error"
@@ -47,14 +47,22 @@ NUMBERS = {1: "one seed", 2: "two seeds", 3: "three seeds"}
 SUMMED = re.compile("error, |step, |.* over ")  # what has a range over the seeds
 
 
+def compared_with(condensed: Settings) -> Settings:
+    """The autoencoder of the same scene and motions, in the basis that all spaces have."""
+    others = yaml.safe_load(OTHERS.read_text(encoding="utf-8"))
+    if condensed.experiment not in others:
+        raise SettingsError(f"{OTHERS.name} has no {condensed.experiment}; it has {', '.join(others)}")
+    same = condensed.model_dump(mode="json", include={"experiment", "mesh", "snapshot"}, exclude_unset=True)
+    return settings_of(same | others[condensed.experiment], OTHERS.name)
+
+
 def seeded(settings: Settings, seed: int, first: Settings) -> Settings:
-    """A configuration with another seed, of the experiment and basis of `first`; no other one fits its linear sizes."""
+    """A configuration with another seed, in the basis of `first`, whose linear sizes no other one fits again."""
     cubature = settings.cubature.replace(seed=seed)
     if settings is not first:
         cubature = cubature.replace(linear_sizes=())
     train = settings.train.replace(seed=seed)
-    changes = {"experiment": first.experiment, "pca": first.pca, "train": train, "cubature": cubature}
-    return settings.model_copy(update=changes)
+    return settings.model_copy(update={"pca": first.pca, "train": train, "cubature": cubature})
 
 
 def farther(settings: Settings, times: float) -> Settings:
@@ -67,20 +75,23 @@ def farther(settings: Settings, times: float) -> Settings:
 
 
 def made(
-    configurations: dict[Path, Settings], runs: Path, again: bool, seeds: Sequence[int] = SEEDS
+    kinds: Sequence[Settings], base: Path, runs: Path, again: bool, seeds: Sequence[int] = SEEDS
 ) -> Iterator[tuple[str, int, Path]]:
-    """Kind, seed and folder of every run, all made before the first is stepped."""
-    wanted, (place, first) = [], next(iter(configurations.items()))
-    shared = finished(runs / first.experiment, first, ONCE, place.parent)
-    for path, settings in configurations.items():
-        if other := [name for name in SAME if settings.section(name) != first.section(name)]:
-            raise SettingsError(f"{path} has another section {other[0]} than {place}; they share one run")
+    """Kind, seed and folder of every run, all made before the first is stepped.
+
+    Args:
+        kinds: a configuration for each kind of latent space; the first has the basis and the linear spaces.
+        base: the folder that their paths are relative to.
+    """
+    wanted, first = [], kinds[0]
+    shared = finished(runs / first.experiment, first, ONCE, base)
+    for settings in kinds:
         for seed in seeds:
             folder = linked(shared, runs / f"{first.experiment}_{settings.train.kind}_{seed}", SHARED)
             own = seeded(settings, seed, first)
-            finished(folder, own, ("train", "cubature"), path.parent)
-            wanted.append((settings.train.kind, seed, folder, own, path.parent))
-    for kind, seed, folder, own, base in wanted:
+            finished(folder, own, ("train", "cubature"), base)
+            wanted.append((settings.train.kind, seed, folder, own))
+    for kind, seed, folder, own in wanted:
         if again:
             (folder / "simulation.h5").unlink(missing_ok=True)
         yield kind, seed, finished(folder, own, ("simulate",), base)
@@ -214,16 +225,17 @@ def picture(rows: Sequence[Row], model: str) -> str:
 
 def main() -> None:
     arguments = parser(NAME, __doc__)
-    arguments.add_argument("configurations", nargs="+", type=Path, help="one for each kind of latent space")
+    arguments.add_argument("configuration", type=Path, help="of a condensed space")
     arguments.add_argument("--runs", type=Path, default=Path("runs") / NAME, help="where runs lie")
     arguments.add_argument("--seeds", type=int, choices=SEEDS, default=len(SEEDS), help="how many of them")
     arguments.add_argument("--again", action="store_true", help="step the motions anew")
     arguments.add_argument("--farther", type=float, default=1.0, help="synthetic pulls go so many times as far")
     given = arguments.parse_args()
-    configurations = {path: farther(load_settings(path), given.farther) for path in given.configurations}
-    rows, model, seen = list[Row](), configurations[given.configurations[0]].experiment, set[int]()
-    seeds = SEEDS[: given.seeds]
-    for kind, seed, folder in made(configurations, given.runs.resolve(), given.again, seeds):
+    condensed = load_settings(given.configuration)
+    other = farther(compared_with(condensed), given.farther)
+    kinds = [other, condensed] if given.farther == 1 else [other]
+    rows, model, seen, seeds = list[Row](), other.experiment, set[int](), SEEDS[: given.seeds]
+    for kind, seed, folder in made(kinds, given.configuration.parent, given.runs.resolve(), given.again, seeds):
         with Run.open(folder) as run:
             rows += rows_of(model, kind, seed, run, linear=seed not in seen)
             seen.add(seed)
@@ -233,7 +245,7 @@ def main() -> None:
     rows += compared(model, rows)
     rows += over_seeds(model, rows, seeds)
     show(rows, model)
-    own = [str(path.resolve().relative_to(ROOT)) for path in given.configurations]
+    own = [str(path.resolve().relative_to(ROOT)) for path in (given.configuration, OTHERS)]
     write_results(f"{NAME}_{model}", called(NAME), rows, inputs=[*PIPELINE, *own])
 
 

@@ -7,12 +7,25 @@ from pathlib import Path
 
 import pytest
 
+from ldsim.errors import SettingsError
 from ldsim.report.frontier import on_motions, on_role
 from ldsim.run import Run
 from ldsim.settings import load_settings
 from reproduction.bench.condensed import GOALS, asked
-from reproduction.bench.frontier import ERROR, STEP, compared, farther, marks, over_seeds, picture, rows_of, seeded
-from reproduction.harness import ROOT, Row, row
+from reproduction.bench.derived import SOLIDS
+from reproduction.bench.frontier import (
+    ERROR,
+    STEP,
+    compared,
+    compared_with,
+    farther,
+    marks,
+    over_seeds,
+    picture,
+    rows_of,
+    seeded,
+)
+from reproduction.harness import CONFIGS, Row, row
 from tests.report.small_run import ROLES, write_run
 
 RATIO = "linear step over latent step at equal error, test, condensed"
@@ -135,19 +148,26 @@ def test_the_picture_has_a_mark_for_every_space_that_was_not_lost() -> None:
     assert all(word in drawn for word in (">condensed<", ">linear<", ">20<", ">10<"))
 
 
-def test_configurations_of_other_names_are_seeded_as_one_experiment_whose_linear_sizes_are_fitted_once() -> None:
-    first = load_settings(ROOT / "reproduction" / "bench" / "frontier_demo.yaml")
-    other = load_settings(ROOT / "configs" / "surface.yaml")
-    assert other.experiment != first.experiment
-    own, again = seeded(other, 3, first), seeded(first, 3, first)
-    assert own.experiment == again.experiment == first.experiment
+@pytest.mark.parametrize("solid", ["demo", *SOLIDS])
+def test_an_autoencoder_has_scene_and_motions_of_the_condensed_space_and_its_basis_is_for_both(solid: str) -> None:
+    condensed = load_settings(CONFIGS / f"{solid}.yaml")
+    other = compared_with(condensed)
+    assert (other.train.kind, condensed.train.kind) == ("autoencoder", "condensed")
+    assert other.mesh == condensed.mesh and other.snapshot == condensed.snapshot
+    own, again = seeded(condensed, 3, other), seeded(other, 3, other)
+    assert own.experiment == again.experiment == solid and own.pca == again.pca == other.pca != condensed.pca
     assert own.train.seed == own.cubature.seed == again.cubature.seed == 3
-    assert own.cubature.linear_sizes == ()
-    assert again.cubature.linear_sizes == first.cubature.linear_sizes != ()
+    assert own.cubature.linear_sizes == ()  # which are fitted once
+    assert again.cubature.linear_sizes == other.cubature.linear_sizes != ()
+
+
+def test_a_solid_that_nothing_is_compared_with_is_named() -> None:
+    with pytest.raises(SettingsError, match="autoencoders.yaml has no surface; it has demo, x, beam, "):
+        compared_with(load_settings(CONFIGS / "surface.yaml"))
 
 
 def test_synthetic_pulls_go_farther_and_nothing_else_changes() -> None:
-    near = load_settings(ROOT / "reproduction" / "bench" / "frontier_demo.yaml")
+    near = compared_with(load_settings(CONFIGS / "demo.yaml"))
     far = farther(near, 1.5)
     assert near.pca.synthetic is not None and far.pca.synthetic is not None
     assert far.pca.synthetic.reach == 1.5 * near.pca.synthetic.reach
