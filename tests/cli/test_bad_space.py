@@ -37,7 +37,9 @@ SPACES: dict[str, tuple[str, Callable[[Experiment], None], str]] = {
     "constant data": ("pca", snapshots_of(0.0, everywhere=True), "nothing moves"),
     "a k out of reach": (
         "pca",
-        lambda experiment: experiment.configure(TINY | {"pca": {"max_k": 1, "tolerance_mm": 1e-6}}),
+        lambda experiment: experiment.configure(
+            TINY | {"pca": {"criterion": "max_error", "max_k": 1, "tolerance_mm": 1e-6}}
+        ),
         "raise pca.max_k or pca.tolerance_mm",
     ),
     "r above k": ("train", change("train.r", 9), "train.r is 9; allowed are 1 … 6, the columns of the basis"),
