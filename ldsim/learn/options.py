@@ -28,10 +28,11 @@ OF_AUTOENCODER = (
 
 Width = Annotated[int, Field(ge=1, le=2000)]
 
-# Of hidden layers that were left out. A condensed space of a solid of many unknowns has the wider ones.
+# Of hidden layers that were left out. A condensed space of a mesh of more vertices than this has the wider ones, which
+# cost little where frames and poses cost much (docs/notebook/2026-11-25-on_demand.md).
 ACTIVATIONS: dict[str, Activation] = {"autoencoder": "elu", "condensed": "tanh"}
 LAYERS = {"autoencoder": (100, 100), "condensed": (48, 48, 48, 48)}
-MANY, WIDER = 25_000, (80, 80, 80, 80)
+MANY, WIDER = 10_000, (80, 80, 80, 80)
 # Poses of training motions that are relaxed, and of each round of own runs: so many, or up to twice as many of a solid
 # of fewer unknowns, for there a pose costs less than what is fitted to it.
 POSES, EXPLORED, UNKNOWNS = 200, 150, 9000
@@ -113,7 +114,7 @@ class TrainOptions(Options):
         Field(
             min_length=1,
             description="Widths of the decoder's hidden layers; left out, [100, 100] of an autoencoder, of a condensed "
-            "space four of 48, or of 80 of a large solid.",
+            "space four of 48, or of 80 of more than 10,000 vertices.",
         ),
     ] = None
     activation: Annotated[
@@ -159,7 +160,7 @@ class TrainOptions(Options):
 
     @property
     def layers(self) -> tuple[int, ...]:
-        """Widths of the hidden layers of the decoder, of a solid that is not large where they were left out."""
+        """Widths of the hidden layers of the decoder; those of a mesh that is not large where they were left out."""
         return LAYERS[self.kind] if self.hidden is None else self.hidden
 
     @property
@@ -167,15 +168,16 @@ class TrainOptions(Options):
         """Of the hidden layers."""
         return self.activation or ACTIVATIONS[self.kind]
 
-    def of_solid(self, unknowns: int) -> TrainOptions:
+    def of_solid(self, vertices: int, unknowns: int) -> TrainOptions:
         """The same with what was left out, as it follows from the kind and from the solid.
 
         Args:
-            unknowns: of the solid, 3 for each free vertex.
+            vertices: of its mesh.
+            unknowns: 3 for each vertex that is free.
         """
         if self.kind == "autoencoder":
             return self.replace(hidden=self.layers, activation=self.nonlinearity)
-        hidden = self.hidden or (WIDER if unknowns > MANY else self.layers)
+        hidden = self.hidden or (WIDER if vertices > MANY else self.layers)
         poses, explored = self.condensed.relaxed(unknowns)
         condensed = self.condensed.replace(poses=poses, explored=explored)
         return self.replace(hidden=hidden, activation=self.nonlinearity, condensed=condensed)

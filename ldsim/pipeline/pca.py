@@ -25,7 +25,7 @@ from ldsim.space.projection import all_coordinates
 
 # Synthetic pulls that are run one after another; then the solid is at rest again.
 PULLS_TOGETHER = 10
-# How many are made of a large solid, where that is left open, and their seed.
+# How many are made of a large mesh, where that is left open, and their seed.
 SYNTHETIC, SEED = 40, 11
 
 
@@ -60,8 +60,8 @@ def pca(run: Run, options: PcaOptions, progress: Progress = SILENT) -> Pca:
 
 
 def synthetic_pulls(run: Run, options: PcaOptions) -> PullOptions | None:
-    """The synthetic pulls that are asked for, or where all is left open some like those of a large solid's motions."""
-    if not options.is_open or 3 * len(run.scene.free) <= MANY or run.quasistatic:
+    """The synthetic pulls that are asked for, or where all is left open some like the motions of a large mesh."""
+    if not options.is_open or run.scene.mesh.n_vertices <= MANY or run.quasistatic:
         return options.synthetic
     return pulls_like([run.recorded(name).motion for name in run.snapshots.with_role("train")], SYNTHETIC, SEED)
 

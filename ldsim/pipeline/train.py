@@ -42,7 +42,7 @@ def train(
     """
     stage, partial = run.stage("train", options), run.folder / PARTIAL
     run.require("scene", "snapshots", "basis")
-    options = options.of_solid(3 * len(run.scene.free))
+    options = options.of_solid(run.scene.mesh.n_vertices, 3 * len(run.scene.free))
     if words := options.without_effect():
         progress.tell(words)
     with one_thread():

@@ -57,7 +57,9 @@ class Facts:
             material_names(np.unique(run.scene.material).tolist()),
             run.scene.time_step,
             run.pca.synthetic is not None,
-            TrainOptions.of_dump(run.header("model").settings).of_solid(3 * len(run.scene.free)),
+            TrainOptions.of_dump(run.header("model").settings).of_solid(
+                run.scene.mesh.n_vertices, 3 * len(run.scene.free)
+            ),
             CubatureOptions.of_dump(run.header("cubature").settings),
             run.model.loss,
         )

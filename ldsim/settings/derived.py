@@ -121,17 +121,17 @@ def time_step(solid: Solid) -> float:
 
 def left_out(settings: Settings, scene: Scene) -> str:
     """What a configuration leaves out of how its space is made, as it follows from the solid; empty if nothing."""
-    unknowns, pca, train = 3 * len(scene.free), settings.pca, settings.train
-    filled, words = train.of_solid(unknowns), []
+    vertices, unknowns, pca, train = scene.mesh.n_vertices, 3 * len(scene.free), settings.pca, settings.train
+    filled, words = train.of_solid(vertices, unknowns), []
     if pca.k is None and pca.columns is not None:
         words.append(f"pca.k {min(pca.columns, unknowns)}")
-    if pca.is_open and unknowns > MANY and not settings.snapshot.quasistatic:
+    if pca.is_open and vertices > MANY and not settings.snapshot.quasistatic:
         words.append(f"pca.synthetic {SYNTHETIC} pulls like those of the motions")
     for section, given, found in (("train", train, filled), ("train.condensed", train.condensed, filled.condensed)):
         for name, value in found:
             if getattr(given, name) is None and value is not None:
                 words.append(f"{section}.{name} {list(value) if isinstance(value, tuple) else value}")
-    return f"left out, and so for its {unknowns} unknowns: {', '.join(words)}" if words else ""
+    return f"left out, and so for {vertices} vertices and {unknowns} unknowns: {', '.join(words)}" if words else ""
 
 
 def looked_at(settings: Settings, scene: Scene) -> list[str]:

@@ -33,7 +33,7 @@ class PcaOptions(Options):
         Field(
             description="Random pulls, run in the linear space of all k columns: they turn the basis, and the latent "
             "space learns from them too. Left out, none; where k and criterion are left out too, 40 like those of the "
-            "training motions of a large solid."
+            "training motions of a mesh of more than 10,000 vertices."
         ),
     ] = None
     inner_product: Annotated[Literal["mass", "euclidean"], Field(description="In which U is orthonormal.")] = "mass"

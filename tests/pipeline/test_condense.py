@@ -50,8 +50,8 @@ def test_own_pulls_have_places_of_their_own(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(condense, "covering_pulls", stopped)
     for seed in range(3):
         run = SimpleNamespace(scene=None, snapshots=SimpleNamespace(with_role=lambda role: ()))
-        options = SimpleNamespace(seed=seed, condensed=SimpleNamespace(explored=10))
+        options = SimpleNamespace(seed=seed)
         for number in range(5):
             with pytest.raises(KeyboardInterrupt):
-                condense._Work._own_frames(SimpleNamespace(run=run, options=options), None, number)  # type: ignore[arg-type]
+                condense._Work._own_frames(SimpleNamespace(run=run, options=options, explored=10), None, number)  # type: ignore[arg-type]
     assert len(set(seeds)) == 15 and np.min(seeds) > 1000
