@@ -111,8 +111,8 @@ def test_what_follows_from_a_solid_is_told_by_mesh_and_settings_as_training_take
         vertices, unknowns = run.scene.mesh.n_vertices, 3 * len(run.scene.free)
     train = load_settings(config).train.of_solid(vertices, unknowns)
     line = (
-        f"left out, and so for {vertices} vertices and {unknowns} unknowns: pca.k 40, "
-        f"train.hidden {list(train.layers)}, train.activation tanh, train.condensed.poses {train.condensed.poses}, train.condensed.explored "
+        f"left out, and so for {vertices} vertices and {unknowns} unknowns: pca.k 40, train.hidden [48, 48, 48, 48], "
+        f"train.activation tanh, train.condensed.poses {train.condensed.poses}, train.condensed.explored "
         f"{train.condensed.explored}"
     )
     assert told == [line, f"# {line}"]
