@@ -52,14 +52,13 @@ class Facts:
     @classmethod
     def of(cls, run: Run, numbers: RunNumbers) -> Facts:
         """Those of a finished run."""
+        scene, train = run.scene, TrainOptions.of_dump(run.header("model").settings)
         return cls(
             numbers,
-            material_names(np.unique(run.scene.material).tolist()),
-            run.scene.time_step,
+            material_names(np.unique(scene.material).tolist()),
+            scene.time_step,
             run.pca.synthetic is not None,
-            TrainOptions.of_dump(run.header("model").settings).of_solid(
-                run.scene.mesh.n_vertices, 3 * len(run.scene.free)
-            ),
+            train.of_solid(scene.mesh.n_vertices, 3 * len(scene.free)),
             CubatureOptions.of_dump(run.header("cubature").settings),
             run.model.loss,
         )

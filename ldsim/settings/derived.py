@@ -131,7 +131,9 @@ def left_out(settings: Settings, scene: Scene) -> str:
         for name, value in found:
             if getattr(given, name) is None and value is not None:
                 words.append(f"{section}.{name} {list(value) if isinstance(value, tuple) else value}")
-    return f"left out, and so for {vertices} vertices and {unknowns} unknowns: {', '.join(words)}" if words else ""
+    if not words:
+        return ""
+    return f"what is left out follows from its {vertices} vertices and {unknowns} unknowns: {', '.join(words)}"
 
 
 def looked_at(settings: Settings, scene: Scene) -> list[str]:

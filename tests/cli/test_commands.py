@@ -98,7 +98,7 @@ def test_settings_prints_the_configuration_with_defaults(experiment: Experiment)
     assert printed["mesh"]["density"] == 1000.0
     assert set(printed) == {"experiment", *STAGES}
     assert "# its slowest frequencies are " in result.stdout and "# pulls of 80 mm by a spring" in result.stdout
-    told = next(line for line in result.stdout.splitlines() if line.startswith("# left out"))
+    told = next(line for line in result.stdout.splitlines() if line.startswith("# what is left out"))
     assert told.endswith(" unknowns: train.activation elu")
 
 
@@ -111,9 +111,9 @@ def test_what_follows_from_a_solid_is_told_by_mesh_and_settings_as_training_take
         vertices, unknowns = run.scene.mesh.n_vertices, 3 * len(run.scene.free)
     train = load_settings(config).train.of_solid(vertices, unknowns)
     line = (
-        f"left out, and so for {vertices} vertices and {unknowns} unknowns: pca.k 40, train.hidden [48, 48, 48, 48], "
-        f"train.activation tanh, train.condensed.poses {train.condensed.poses}, train.condensed.explored "
-        f"{train.condensed.explored}"
+        f"what is left out follows from its {vertices} vertices and {unknowns} unknowns: pca.k 40, "
+        f"train.hidden [48, 48, 48, 48], train.activation tanh, train.condensed.poses {train.condensed.poses}, "
+        f"train.condensed.explored {train.condensed.explored}"
     )
     assert told == [line, f"# {line}"]
 
