@@ -43,6 +43,11 @@ def largest_error(run: Run, decoded: Array) -> float:
     return 1e3 * float(np.sqrt(largest))
 
 
+def layers(run: Run) -> str:
+    """Widths of the hidden layers of its decoder, in words."""
+    return " ".join(map(str, run.model.decoder.layers.sizes[1:-1]))
+
+
 def latent(run: Run) -> Space:
     """The space of the run's own decoder, with every quadrature point."""
     return Space.latent(run.scene, run.basis, (run.model.decoder, run.model.encoder))

@@ -32,6 +32,7 @@ from reproduction.harness import (
     rows_before,
     show,
 )
+from reproduction.reduced_runs import layers
 
 NAME = "derived"
 SOLIDS = ("x", "beam", "elephant", "armadillo", "dragon")
@@ -61,14 +62,13 @@ def made(solid: str, folder: Path, frontiers: Path, asked: float, minutes: float
         row(solid, "exit status", status),
         row(solid, "time", time.perf_counter() - started, "s"),
         row(solid, "rounds of own runs", train.condensed.rounds),
-        row(solid, "layers", " ".join(map(str, train.layers))),
         *(
             row(solid, f"worst pull of the validation motions, round {i}", each.error)
             for i, each in enumerate(rounds, 1)
         ),
     ]
     with Run.open(folder / "runs" / solid) as run:
-        rows.append(row(solid, "r", run.model.decoder.r))
+        rows += [row(solid, "r", run.model.decoder.r), row(solid, "layers", layers(run))]
         for role in ROLES:
             rows += judged(solid, role, run)
     return rows

@@ -14,10 +14,12 @@ from pathlib import Path
 from ldsim.pipeline.convergence import read_rounds
 from ldsim.report.overview import report_of
 from ldsim.report.schema import RunNumbers
+from ldsim.run import Run
 from ldsim.settings import load_settings
 from ldsim.settings.enrich import current
 from reproduction.bench.solid_files import SOLIDS, write_solid
 from reproduction.harness import PIPELINE, Row, add_results, called, ldsim, parser, row, show
+from reproduction.reduced_runs import layers
 
 NAME, ASKED = "solids", 5.0
 INPUTS = (*PIPELINE, "ldsim/settings", "reproduction/bench/solid_files.py")
@@ -38,11 +40,13 @@ def made(name: str, folder: Path, minutes: float) -> list[Row]:
 def _numbers(name: str, config: Path, numbers: RunNumbers, folder: Path) -> list[Row]:
     pulls = next(each.pulls for each in load_settings(config).snapshot.motions if each.pulls is not None)
     train, rounds = load_settings(current(config)).train, read_rounds(folder / "runs" / name)
+    with Run.open(folder / "runs" / name) as run:
+        widths = layers(run)
     rows = [
         row(name, "cells", numbers.mesh.cells),
         row(name, "r", numbers.dims.r),
         row(name, "rounds of own runs", train.condensed.rounds),
-        row(name, "layers", " ".join(map(str, train.layers))),
+        row(name, "layers", widths),
         row(name, "reach of pulls", pulls.reach, "m"),
         row(name, "stiffness of pulls", pulls.stiffness, "N/m"),
     ]
