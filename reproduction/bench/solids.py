@@ -40,8 +40,8 @@ def made(name: str, folder: Path, minutes: float) -> list[Row]:
 def _numbers(name: str, config: Path, numbers: RunNumbers, folder: Path) -> list[Row]:
     pulls = next(each.pulls for each in load_settings(config).snapshot.motions if each.pulls is not None)
     train, rounds = load_settings(current(config)).train, read_rounds(folder / "runs" / name)
-    with Run.open(folder / "runs" / name) as run:
-        widths = layers(run)
+    with Run.open(folder / "runs" / name) as made_of:
+        widths = layers(made_of)
     rows = [
         row(name, "cells", numbers.mesh.cells),
         row(name, "r", numbers.dims.r),
