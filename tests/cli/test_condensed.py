@@ -27,6 +27,8 @@ from ldsim.pipeline.coordinates import combined, slowest
 from ldsim.pipeline.cubature import TrainingPoses
 from ldsim.pipeline.progress import SILENT
 from ldsim.pipeline.train import train
+from ldsim.report.overview import report_of
+from ldsim.report.remedies import Facts
 from ldsim.report.runs import displacements
 from ldsim.run import Run
 from ldsim.simulator import Simulator, load
@@ -86,6 +88,18 @@ def simulator(experiment: Experiment) -> Simulator:
         assert rule is not None
         space = run.space("latent").with_rule(rule)
         return Simulator(space, run.stepper(space))
+
+
+def test_layers_that_are_left_out_are_those_of_the_mesh_and_advice_knows_them(
+    again: Experiment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldsim.learn.options.MANY", 0)
+    again.configure(TINY | {"train": {"r": 3, "condensed": SMALL | {"rounds": 0, "steps": 20}}})
+    numbers = report_of(again.run)
+    assert numbers is not None and again.invoke("train").exit_code == 0
+    with Run(again.run) as run:
+        assert run.model.decoder.layers.sizes.tolist()[1:-1] == [80, 80, 80, 80]
+        assert Facts.of(run, numbers).train.hidden == (80, 80, 80, 80)
 
 
 def test_its_coordinates_are_combinations_of_the_basis_and_its_rest_is_exact(condensed: Experiment) -> None:
