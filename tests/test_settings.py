@@ -300,6 +300,22 @@ def test_synthetic_motions_have_inertia(tmp_path: Path) -> None:
         load_settings(written(tmp_path, content))
 
 
+def test_pins_that_move_are_refused_of_a_condensed_space_before_anything_runs(tmp_path: Path) -> None:
+    content = of_motions(["train", "validation", "test"])
+    where = {"slab": {"axis": "x", "thickness": 0.001}}
+    script = {"moving_pins": [{"where": where, "keyframes": [{"time": 0}, {"time": 1, "angle": 30}]}]}
+    for i, refused in enumerate([True, True, False]):
+        motions = [dict(motion) for motion in content["snapshot"]["motions"]]
+        motions[i] = {"name": "twist", "role": motions[i]["role"], "script": script}
+        asked = content | {"snapshot": content["snapshot"] | {"motions": motions}}
+        load_settings(written(tmp_path, asked | {"train": {"kind": "autoencoder"}}))
+        if refused:
+            with pytest.raises(SettingsError, match="condensed, but pins move in motion twist; use train.kind: auto"):
+                load_settings(written(tmp_path, asked))
+        else:
+            load_settings(written(tmp_path, asked))
+
+
 @pytest.mark.parametrize("kind", ["autoencoder", "condensed"])
 @pytest.mark.parametrize(
     ("sections", "words"),

@@ -59,6 +59,11 @@ class Settings(Options):
                 f"train.kind is condensed; it needs pca.inner_product: mass, got {pca.inner_product}; or use "
                 "train.kind: autoencoder"
             )
+        for motion, role in zip(self.snapshot.motions, self.snapshot.roles, strict=True):
+            if role != "test" and motion.script is not None and motion.script.moving_pins:
+                raise ValueError(
+                    f"train.kind is condensed, but pins move in motion {motion.name}; use train.kind: autoencoder"
+                )
         return self
 
     @model_validator(mode="after")
