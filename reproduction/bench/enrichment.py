@@ -42,7 +42,7 @@ def configured(base: Settings, pulls: int, own: bool, seed: int, r: int) -> Sett
     content["experiment"] = f"{base.experiment}_{seed}_{pulls}{'_own' if own else ''}"
     content["snapshot"]["motions"] = [train, judges]
     poses = {"poses": POSES - 2 * EXPLORED, "explored": EXPLORED, "rounds": 2} if own else {"poses": POSES, "rounds": 0}
-    content["train"] |= {"r": r, "seed": seed, "condensed": {"steps": STEPS, **poses}}
+    content["train"] = {"r": r, "seed": seed, "condensed": {"steps": STEPS, **poses}}
     return Settings(**content)
 
 

@@ -44,7 +44,7 @@ def _configuration(bench: Harness) -> Configuration:
         },
         "snapshot": {"motions": [{"name": "swing", "recording": str(recording)}]},
         "pca": {"k": 10},
-        "train": {"r": 1, "epochs": 800 if bench.quick else 3000, "batch": 32},
+        "train": {"kind": "autoencoder", "r": 1, "epochs": 800 if bench.quick else 3000, "batch": 32},
     }
 
 

@@ -28,7 +28,7 @@ def _configuration(
         "mesh": dict(mesh),
         "snapshot": {"motions": motions},
         "pca": {"k": k},
-        "train": dict(train),
+        "train": {"kind": "autoencoder", **train},
         "cubature": dict(cubature or {}),
     }
 
