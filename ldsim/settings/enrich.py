@@ -90,9 +90,8 @@ class Enriched:
         if settings.train.kind != "condensed":
             return ""
         with self._run(settings) as run:
-            settings = settings.replace(
-                train=settings.train.of_solid(run.scene.mesh.n_vertices, 3 * len(run.scene.free))
-            )
+            train = settings.train.of_solid(run.scene.mesh.n_vertices, 3 * len(run.scene.free))
+            settings = settings.replace(train=train)
             poor_fit, r = float(run.model.loss[-1, 1]) > POOR * self._asked, run.model.decoder.r
             columns = run.basis.k
         helped = self._errors[-1] < HELPED * min(self._errors[:-1], default=math.inf)

@@ -163,10 +163,8 @@ class MadeRun:
 
     def __init__(self, folder: Path, experiment: str) -> None:
         self.folder = folder
-        self.basis, self.scene = (
-            SimpleNamespace(k=40),
-            SimpleNamespace(free=range(900), mesh=SimpleNamespace(n_vertices=10_001)),
-        )
+        self.basis = SimpleNamespace(k=40)
+        self.scene = SimpleNamespace(free=range(900), mesh=SimpleNamespace(n_vertices=10_001))
         self.model = SimpleNamespace(loss=np.array([[0.1, self.missed]]), decoder=SimpleNamespace(r=10))
 
     def path(self, kind: str) -> Path:
